@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,9 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
                  else 'no such file or folder')
         raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')
     frames, times, clock = [], [], FrameTime()
-    with open_bag(path) as bag:
+    with open_bag(path, options.partial) as bag:
+        for note in bag.notes:
+            print(f'{path}: {note}', file=sys.stderr)
         for message in bag.messages([marker_topic(bag, options.topic)]):
             frame = reader.read(message.data)
             time = None if frame.stamp is None else clock.of(frame.stamp, 1e-9 * message.time)

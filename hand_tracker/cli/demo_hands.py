@@ -119,7 +119,7 @@ def demonstrate(options: argparse.Namespace) -> None:
     for one, reading in zip(hands, readings):
         if (fault := label_fault(recording, USUAL_TOPIC, reading, one.layout)) is not None:
             print(fault, file=sys.stderr)
-    with open_recording(recording) as bag:
+    with open_recording(recording, partial=options.partial) as bag:
         topic = marker_topic(bag, USUAL_TOPIC)
         _require_sides(bag, topic, hands, readings)
         frame_count = bag.counts[topic]
@@ -133,7 +133,7 @@ def demonstrate(options: argparse.Namespace) -> None:
     has_labels = readings[0].has_labels
     if has_labels and options.anonymous or not has_labels and isinstance(recording, PointBag):
         options.recording = options.output / ANONYMOUS_RECORDING
-        with open_recording(recording) as bag:
+        with open_recording(recording, partial=options.partial) as bag:
             if has_labels:
                 owners = take_labels_off(bag, topic, hands, options.recording)
             else:

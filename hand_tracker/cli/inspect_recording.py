@@ -98,7 +98,8 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     is_both = likeliest is not None and has_both(recording, layouts, likeliest.name)
     if has_ids and is_both:
         return shlex.join([*words, '--side', BOTH])
-    if has_ids and label_fault(path, options.topic, MarkerReading(), MarkerLayout()) is None:
+    if has_ids and label_fault(
+            path, options.topic, MarkerReading(partial=options.partial), MarkerLayout()) is None:
         return shlex.join(words)
     if has_ids or not any(recording.labels):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])

@@ -270,9 +270,11 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
     """Return the notes to print on a recording, see `recorded_hands`."""
-    from ..tracking.point_bag import PointBag
+    from ..tracking.opened_recording import open_recording
 
-    return recording.notes if isinstance(recording, PointBag) else ()
+    # One that is cut was refused before, unless that was asked for.
+    with open_recording(recording, partial=True) as bag:
+        return bag.notes
 
 
 def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
@@ -290,7 +292,8 @@ def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
 
     given = vars(options)    # not every command has all
     reading = MarkerReading(labels, given.get('frame', ''), given.get('unit_scale', 1.),
-                            not given.get('keep_zeros'), options.labels != WITHOUT_LABELS)
+                            not given.get('keep_zeros'), options.labels != WITHOUT_LABELS,
+                            given.get('partial', False))
     if isinstance(recording, PointBag):
         # What is missing was left out as the file was read.
         return reading._replace(zero_is_missing=False, has_labels=recording.has_labels)

@@ -220,7 +220,7 @@ def _opened_job(options: argparse.Namespace, interrupted: Interruptions, progres
     worn, recording = recorded_hands(options)
     hands = {one.hand.side: (HandTracker(one.hand, one.layout),
                              recorded_reading(options, recording, one.labels)) for one in worn}
-    with open_recording(recording) as bag:
+    with open_recording(recording, partial=options.partial) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress,
                           worn[0].layout)
         for note in bag.notes:

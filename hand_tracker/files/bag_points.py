@@ -121,8 +121,8 @@ def point_topic(bag: Bag, topic: str | None = None) -> str:
     return found[0]
 
 
-def read_bag_points(path: Path, zero_is_missing: bool = True,
-                    topic: str | None = None) -> tuple[PointRecording, Axes]:
+def read_bag_points(path: Path, zero_is_missing: bool = True, topic: str | None = None,
+                    partial: bool = False) -> tuple[PointRecording, Axes]:
     """Read the points of a rosbag2 recording, in any of the messages that live sources send.
 
     Parameters
@@ -132,6 +132,8 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
         See `ReadingOptions`.
     topic : str, optional
         As in `point_topic`.
+    partial : bool, optional
+        As in `open_bag`.
 
     Returns
     -------
@@ -145,8 +147,8 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
     ------
     HandTrackerError
     """
-    with open_bag(path) as bag:
-        topic = point_topic(bag, topic)
+    with open_bag(path, partial) as bag:
+        notes, topic = bag.notes, point_topic(bag, topic)
         kind = bag.topics[topic]
         read = _frame_reader(bag, topic)
         frames: list[tuple[np.ndarray, np.ndarray]] = []
@@ -192,7 +194,7 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
     is_increasing = len(steps) > 0 and bool((steps > 0.).all())
     return PointRecording(
         path.name, BAG_FORMAT, labels, points, rate, seconds if is_increasing else None, Axes(),
-        is_landmarks=kind in LANDMARK_MESSAGES,
+        notes, is_landmarks=kind in LANDMARK_MESSAGES,
         origin=BagOrigin(topic, kind, frame_id, times[0])), Axes('m', 'z')
 
 

@@ -30,6 +30,7 @@ from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.message_definitions import DEFINITIONS
 from ..output_files import folder_beside
+from .cut_mcap import MAX_CHUNK_BYTES, WholeRecords, is_cut
 from .written_kinds import BAG_SUFFIXES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -41,7 +42,6 @@ BAG_METADATA_VERSION = 8
 STORAGE = dict(zip(BAG_SUFFIXES, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)))
 EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
 LONGEST_REASON = 300       # [characters] of an error of rosbags that is told
-MAX_CHUNK_BYTES = 2**28    # that a chunk of a .mcap unpacks to; usual are 1 to 4 MB
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
 for known_type, text in DEFINITIONS.items():
@@ -215,13 +215,15 @@ class Bag:
 
 
 @contextmanager
-def open_bag(path: str | PathLike[str]) -> Iterator[Bag]:
+def open_bag(path: str | PathLike[str], partial: bool = False) -> Iterator[Bag]:
     """Open a recording for reading.
 
     Parameters
     ----------
     path : path-like
         A folder with `metadata.yaml`, a `.mcap` file or a `.db3` file.
+    partial : bool, optional
+        Whether a `.mcap` file that is cut is read as far as it goes.
 
     Yields
     ------
@@ -244,13 +246,23 @@ def open_bag(path: str | PathLike[str]) -> Iterator[Bag]:
     elif not path.stat().st_size:
         raise BagError(f'{path}: the file has no bytes; {EXPECTED}')
     with _read_errors(path):
+        is_partial = path.is_file() and STORAGE[path.suffix] is StoragePlugin.MCAP and is_cut(path)
+    if is_partial and not partial:
+        raise BagError(f'{path}: cannot be read (cut, or not closed); expected a complete '
+                       'recording (--partial reads what is there)')
+    with _read_errors(path):
         reader = Reader(path)
+        if is_partial:
+            reader.storage.path = WholeRecords(path)
         reader.open()
     try:
         if not reader.message_count:
-            raise BagError(f'{path}: a recording without messages; expected at least one')
+            raise BagError(f'{path}: a recording without {"whole " * is_partial}messages; '
+                           'expected at least one')
         with _read_errors(path):
             bag = Bag(path, reader)
+        if is_partial:
+            bag.notes = f'cut: {reader.message_count} whole messages are read',
         yield bag
     finally:
         reader.close()

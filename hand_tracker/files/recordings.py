@@ -204,7 +204,8 @@ def read_recording(path: str | PathLike[str],
     # Damaged bytes are refused by every reader; none may end in another error.
     try:
         if is_bag(path):
-            recording, axes = read_bag_points(path, options.zero_is_missing, options.topic)
+            recording, axes = read_bag_points(
+                path, options.zero_is_missing, options.topic, options.partial)
         else:
             form = recognised_format(path)
             usual = Axes(form.usual_units, form.usual_up)

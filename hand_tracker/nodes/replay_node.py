@@ -195,7 +195,7 @@ class ReplayNode(Node):
                 choice = MarkerChoice(reading, options.side or None, names, layout, None)
                 # Topics that are named are played as they are.
                 bag = stack.enter_context(
-                    open_bag(recording) if options.topics and is_bag(recording)
+                    open_bag(recording, options.partial) if options.topics and is_bag(recording)
                     else open_recording(recording, choice))
             except HandTrackerError as error:
                 raise BagError(in_parameters(str(error))) from error

@@ -43,7 +43,7 @@ def label_fault(recording: str | PathLike[str] | PointBag, topic: str | None,
     palm = [row for row in layout.principal[:len(PALM_MARKERS)] if row >= 0]
     markers, points = reading.marker_reader(), reading.point_reader()
     has_palm, has_points = [], []
-    with open_recording(recording) as bag:
+    with open_recording(recording, partial=reading.partial) as bag:
         for message in sampled_messages(bag, marker_topic(bag, topic), CHECK_STEP):
             if message.time > bag.start + 1e9 * CHECKED_SECONDS:
                 break

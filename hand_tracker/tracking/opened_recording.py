@@ -71,7 +71,7 @@ def is_marker_bag(path: str | PathLike[str], choice: MarkerChoice | None = None,
     if not is_bag(path):
         return False
     choice = choice or MarkerChoice()
-    with open_bag(path) as bag:
+    with open_bag(path, choice.reading.partial) as bag:
         topics = point_topics(bag, choice.reading.topic) or point_topics(bag)
         if topics and not any(bag.topics[topic] == MARKER_ARRAY for topic in topics):
             return False
@@ -102,7 +102,7 @@ def _are_names(names: Sequence[str], labels: Sequence[str], choice: MarkerChoice
 
 @contextmanager
 def open_recording(path: str | PathLike[str] | PointBag,
-                   choice: MarkerChoice | None = None) -> Iterator[Bag]:
+                   choice: MarkerChoice | None = None, partial: bool = False) -> Iterator[Bag]:
     """Open a recording of any format for reading messages of markers.
 
     Parameters
@@ -113,6 +113,8 @@ def open_recording(path: str | PathLike[str] | PointBag,
     choice : MarkerChoice, optional
         Of the points that stand for the markers where it is no `is_marker_bag`; messages of a
         rosbag2 recording are read as they are where left out.
+    partial : bool, optional
+        As in `open_bag`, without a choice.
 
     Yields
     ------
@@ -126,7 +128,7 @@ def open_recording(path: str | PathLike[str] | PointBag,
     if isinstance(path, PointBag):
         yield path
     elif choice is None or is_marker_bag(path, choice):
-        with open_bag(path) as bag:
+        with open_bag(path, choice.reading.partial if choice else partial) as bag:
             yield bag
     else:
         yield PointBag(Path(path), choice)

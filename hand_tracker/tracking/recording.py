@@ -96,6 +96,8 @@ class MarkerReading(NamedTuple):
         See `markers_from_message`.
     has_labels : bool
         Whether the markers have labels; else `labels` is not used, and points are labelled.
+    partial : bool
+        As in `open_bag`.
     """
 
     labels: LabelMap = LabelMap()
@@ -103,6 +105,7 @@ class MarkerReading(NamedTuple):
     scale: float = 1.
     zero_is_missing: bool = True
     has_labels: bool = True
+    partial: bool = False
 
     def marker_reader(self) -> MarkerReader:
         """Return a reader of labelled markers."""

@@ -174,7 +174,7 @@ class ViewerRecording:
         self._path, self._reading = path, reading
         self._shown: TrackingRun | None = None
         self._bare: TrackingRun | None = None
-        with open_recording(path) as bag:
+        with open_recording(path, partial=reading.partial) as bag:
             self._name = bag.path
             self._topic = marker_topic(bag, topic)
             self._start, self._end = bag.start, bag.start + bag.duration
@@ -211,7 +211,7 @@ class ViewerRecording:
         return TimedTracker(hand, self._layout, options)
 
     def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
-        with open_recording(self._path) as bag:
+        with open_recording(self._path, partial=self._reading.partial) as bag:
             yield from track(bag.messages([self._topic], start), tracker, self._reading,
                              point_labels=self._point_labels())
 

@@ -166,6 +166,21 @@ def test_every_format_is_tracked_alike(tracked, tmp_path, name):
                                atol=.05)
 
 
+def test_a_cut_rosbag2_recording_is_tracked_as_far_as_it_goes(tracked, tmp_path, capsys):
+    cut, out = tmp_path / 'cut.mcap', tmp_path / 'angles.csv'
+    data = (tracked / 'bag.mcap').read_bytes()
+    cut.write_bytes(data[:-200])
+    command = ['track', str(cut), '-o', str(out)]
+    assert main(command) == 1
+    assert f'{cut}: cannot be read (cut, or not closed)' in capsys.readouterr().err
+    assert main([*command, '--partial']) == 0
+    assert f'{cut}: cut: 240 whole messages are read' in capsys.readouterr().err
+    np.testing.assert_array_equal(angles(out), angles(tracked / 'bag_angles.csv'))
+    assert main(['inspect', str(cut), '--partial']) == 0
+    output = capsys.readouterr().out
+    assert 'note: cut: 240 whole messages are read' in output and output.endswith(' --partial\n')
+
+
 @pytest.mark.parametrize('name', ['take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'vicon.csv',
                                   'take.npz', 'bag.mcap'])
 def test_inspect_says_what_is_in_it_and_what_to_run(tracked, tmp_path, name, capsys, monkeypatch):
