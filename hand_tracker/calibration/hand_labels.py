@@ -15,6 +15,10 @@ EMPTY_WORDS = ('finger', 'phalanx', 'bone', 'joint', 'fe', 'aa', 'b')
 PALM_WORDS = ('hand', 'back', 'palm')
 NUMBERED_DIGITS = {'first': 'thumb', 'second': 'index', 'third': 'middle', 'fourth': 'ring',
                    'fifth': 'little'}
+# Without a separator, the side's letter before or behind: 'rindexdip', 'IndexMCPR', 'lwrist'.
+JOINED_LABEL = re.compile(
+    r'([rl]?)(?:(thumb|index|middle|ring|little|pink(?:y|ie))(cmc|mcp|pip|dip|ip|tip)|(wrist))'
+    r'([rl]?)', re.IGNORECASE)
 ROKOKO_FINGER = re.compile(r'finger ([1-5]) ?([a-z]+)')    # the thumb is the first
 # Joint at the beginning of a bone, of fingers and of the thumb.
 FINGER_BONES = {'metacarpal': 'cmc', 'mc': 'cmc', 'proximal': 'mcp', 'pp': 'mcp', '1': 'mcp',
@@ -114,6 +118,11 @@ def _split(label: str) -> tuple[str, list[str]]:
 
 def _words(text: str) -> tuple[str, list[str]]:
     side = ''
+    joined = JOINED_LABEL.fullmatch(text.strip())
+    if joined and not (joined[1] and joined[5]):
+        found = [word.lower() for word in joined.group(2, 3, 4) if word]
+        return (LABEL_SIDES.get((joined[1] or joined[5]).lower(), ''),
+                [SYNONYMS.get(word, word) for word in found])
     # 'RIndex3', 'LHandOut': a capital in front of a word.
     initial = re.match(r'[RL](?=[A-Z][a-z])', text.strip())
     if initial:
@@ -121,7 +130,7 @@ def _words(text: str) -> tuple[str, list[str]]:
     spaced = re.sub(r'(?<=[a-z])(?=[A-Z0-9])|(?<=[A-Z])(?=[A-Z][a-z])', '_', text.strip())
     words = [SYNONYMS.get(word, word) for word in re.split(r'[\W_]+', spaced.lower()) if word]
     ends = 0, len(words) - 1
-    found: list[str] = []
+    found = []
     for i, word in enumerate(words):
         # One letter is a side in front and behind only; 'hand_left' is a place on the back.
         if (word in LABEL_SIDES and len(words) > 1 and (len(word) > 1 or i in ends)

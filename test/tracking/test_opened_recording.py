@@ -53,6 +53,8 @@ def both_hands(frames=40):
     (('RightSecondPP', 'RightFirstMC', 'RightFifthDP', 'RightFifthDP_end'), True,
      ('index_mcp', 'thumb_cmc', 'little_dip', 'little_tip')),
     (('right_hand_wrist', 'RightHandWrist', 'RHandWrist'), False, ('wrist',) * 3),
+    (('rindexdip', 'IndexMCPR', 'Anna:RRINGTIP', 'pinkytipr', 'rthumbcmc', 'rwrist', 'RWRIST'),
+     False, ('index_dip', 'index_mcp', 'ring_tip', 'little_tip', 'thumb_cmc', 'wrist', 'wrist')),
     (('Anna:RIndexTip', 'R_index_mcp', 'right_wrist', 'RThumbTip', 'index_tip_r'), False,
      ('index_tip', 'index_mcp', 'wrist', 'thumb_tip', 'index_tip'))])
 def test_labels_of_every_spelling_name_the_right_hand(labels, skeleton, names):
@@ -67,6 +69,9 @@ def test_labels_without_a_side():
     assert [(one.side, one.name) if one else None for one in found] == [
         ('', 'index_pip'), ('', 'thumb_mcp'), ('', 'index_dip'), ('', 'hand_left'),
         ('', 'index_middle'), None, None, None]
+    found = hand_labels(('ringtip', 'LITTLETIP', 'rindexdipl', 'rings', 'indexip'))
+    assert [(one.side, one.name) if one else None for one in found] == [
+        ('', 'ring_tip'), ('', 'little_tip'), None, None, None]
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
