@@ -17,7 +17,8 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..files.point_recording import PointRecording
-from ..files.recordings import BVH, C3D
+from ..files.recordings import BVH, C3D, FILE_SUFFIXES
+from ..files.written_kinds import BAG_SUFFIXES
 from ..messages.labels import WITHOUT_LABELS
 from ..splicing.spliced_points import is_body_of_markers
 from ..tracking.label_check import label_fault
@@ -127,15 +128,11 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
 
 
 def _output_name(path: Path) -> str:
-    """Return what begins the name of an output, another one for each of the files that are alike.
-
-    With the folder where that is another one, and the whole name where others begin so, too.
-    """
-    folder = path.parent.resolve()
+    """Return what begins the name of an output, another one for each recording of a folder."""
     stem = path.name.partition('.')[0]
-    alike = [one for one in folder.iterdir() if one.name.partition('.')[0] == stem]
-    name = path.name.replace('.', '_') if len(alike) > 1 else stem
-    return name if folder == Path.cwd() else f'{folder.name}_{name}'
+    alike = [one for one in path.parent.iterdir() if one.name.partition('.')[0] == stem
+             and one.suffix in (*FILE_SUFFIXES, *BAG_SUFFIXES)]
+    return path.name.replace('.', '_') if len(alike) > 1 else stem
 
 
 def _calibration_command(command: str) -> str:
