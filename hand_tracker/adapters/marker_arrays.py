@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, MarkerIds
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MARKER_IDS, MOST_MARKERS, MarkerIds
 from ..messages.stamps import Time
 from ..messages.templates import Template, markers_template
 from .packet_structure import PacketOrigin
@@ -26,6 +26,8 @@ class MarkerArrayWriter:
     ----------
     warn_once : callable
         Logs a warning (key, text) once for each key.
+    ids : mapping of str to int, optional
+        Of the hand's markers, as of `layout_ids`.
 
     Attributes
     ----------
@@ -33,8 +35,9 @@ class MarkerArrayWriter:
         With the last message.
     """
 
-    def __init__(self, warn_once: Callable[[str, str], None]) -> None:
-        self._ids = MarkerIds(warn_once)
+    def __init__(self, warn_once: Callable[[str, str], None],
+                 ids: Mapping[str, int] = MARKER_IDS) -> None:
+        self._ids = MarkerIds(warn_once, ids)
         self._capacity = 0
         self._layout: tuple[str, tuple[str, ...]] | None = None
 

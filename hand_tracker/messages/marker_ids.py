@@ -6,9 +6,9 @@ that of the tracker's marker where the last part of the name says so. No ROS.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from ..core.model.marker_layout import MARKERS, PAPER_PLACES
+from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from .marker_array import ADD, DELETE, SPHERE, Head
 from .point_cloud_parser import MOST_MARKERS
 
@@ -19,6 +19,21 @@ MARKER_IDS = {**{place: row for row, place in enumerate(PAPER_PLACES)},
 FIRST_FOREIGN_ID = 1000       # of markers that have none of these names, and of anonymous points
 ANONYMOUS_NAMESPACE = 'unlabelled'
 SOURCE_FRAME = 'mocap'        # of points whose source names no frame
+
+
+def layout_ids(layout: MarkerLayout) -> Mapping[str, int]:
+    """Return the ids of a layout's markers, as `MARKER_IDS`, by their names in small letters.
+
+    Parameters
+    ----------
+    layout : MarkerLayout
+        A marker goes also by the landmark that it alone is at.
+    """
+    if layout.names == MARKERS:
+        return MARKER_IDS
+    return {**{place: row for row, place in enumerate(layout.places)
+               if layout.places.count(place) == 1},
+            **{name.lower(): row for row, name in enumerate(layout.names)}}
 
 
 def no_warning(key: str, text: str) -> None:
@@ -32,6 +47,8 @@ class MarkerIds:
     ----------
     warn_once : callable
         Logs a warning (key, text) once for each key.
+    known : mapping of str to int, optional
+        Ids of the hand's markers, as of `layout_ids`; of the paper's eight when left out.
 
     Attributes
     ----------
@@ -39,8 +56,9 @@ class MarkerIds:
         Place of each name, in the order in which they were first seen.
     """
 
-    def __init__(self, warn_once: Callable[[str, str], None]) -> None:
-        self._warn_once = warn_once
+    def __init__(self, warn_once: Callable[[str, str], None],
+                 known: Mapping[str, int] = MARKER_IDS) -> None:
+        self._warn_once, self._known = warn_once, known
         self.rows: dict[str, int] = {}
 
     def add(self, names: Sequence[str]) -> list[int]:
@@ -58,7 +76,7 @@ class MarkerIds:
 
     def ids(self) -> list[int]:
         """Return the id of each name; a hand's own go to no marker where several claim one."""
-        own = [MARKER_IDS.get(name.rpartition(':')[2].lower()) for name in self.rows]
+        own = [self._known.get(name.rpartition(':')[2].lower()) for name in self.rows]
         ids = []
         for row, (name, number) in enumerate(zip(self.rows, own)):
             if number is not None and own.count(number) > 1:

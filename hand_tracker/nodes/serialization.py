@@ -6,7 +6,7 @@ another one, messages are built and read as objects.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from ..messages.builders import (
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame, markers_from_message
-from ..messages.marker_ids import no_warning
+from ..messages.marker_ids import MARKER_IDS, no_warning
 from ..messages.message_kinds import MARKER_ARRAY_KIND, MessageKind
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
 from ..messages.stamps import Stamp, Time
@@ -82,7 +82,8 @@ class Serialization:
         self.raw = codec_agrees()
 
     def markers(self, settings: Settings, frame_id: str, kind: MessageKind = MARKER_ARRAY_KIND,
-                warn_once: Callable[[str, str], None] = no_warning) -> MarkerReader | _ObjectReader:
+                warn_once: Callable[[str, str], None] = no_warning,
+                ids: Mapping[str, int] = MARKER_IDS) -> MarkerReader | _ObjectReader:
         """Return a reader of markers: its `read` returns the MarkerFrame of a message.
 
         Parameters
@@ -94,10 +95,12 @@ class Serialization:
             MarkerArrays, where messages are no bytes.
         warn_once : callable
             Logs a warning (key, text) once for each key.
+        ids : mapping of str to int
+            See `MarkerReader`.
         """
         how = settings.labels, frame_id, settings.unit_scale, settings.zero_is_missing
         if self.raw:
-            return MarkerReader(*how, kind, warn_once)
+            return MarkerReader(*how, kind, warn_once, ids)
         return _ObjectReader(lambda message: markers_from_message(message, *how))
 
     def joint_states(self, joints: Sequence[str],

@@ -8,8 +8,9 @@ Qualisys over its real-time protocol, or landmarks of a headset or camera. What 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from threading import Event, Thread
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any
@@ -49,8 +50,11 @@ from ..adapters.point_frame import (
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
+from ..core.model.marker_layout import MarkerLayout
+from ..files.hand_file import choose_hand
+from ..files.layout_file import choose_layout
 from ..messages.landmark_kinds import LANDMARK_ORDERS
-from ..messages.marker_ids import SOURCE_FRAME
+from ..messages.marker_ids import SOURCE_FRAME, layout_ids
 from ..tracking.rate_limit import OncePerKey
 from .executors import steady_clock
 from .message_types import imported_message
@@ -83,10 +87,20 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources any'),
     Parameter('landmarks', USUAL_LANDMARKS, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
+    Parameter('layout', '', "Markers that are worn, as the tracker's: their names get its ids"),
+    Parameter('hand_file', '', 'Hand file with the markers that are worn, where layout is empty'),
     Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
     Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",
               choices=tuple(UPRIGHT)),
 ))
+
+
+def _worn_layout(values: Mapping[str, Any]) -> MarkerLayout:
+    """Return the layout that the parameters name; the paper's eight markers for none."""
+    if values['layout']:
+        return choose_layout(values['layout'])
+    path = values['hand_file']
+    return choose_hand(path and Path(path).expanduser())[1]
 
 
 class SourceNode(Node):
@@ -99,7 +113,7 @@ class SourceNode(Node):
         values = self._values = declare(self, SOURCE_PARAMETERS)
         landmark_order(values['landmarks'])
         self._once = OncePerKey()
-        self._writer = MarkerArrayWriter(self._warn_once)
+        self._writer = MarkerArrayWriter(self._warn_once, layout_ids(_worn_layout(values)))
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
         self._take: Callable[[bytes], None] | None = None

@@ -22,6 +22,7 @@ from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
 from ..messages.landmark_kinds import LANDMARK_KINDS, kind_of_hand
 from ..messages.marker_array import MarkerFrame
+from ..messages.marker_ids import layout_ids
 from ..messages.points import PointReader
 from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
@@ -238,7 +239,8 @@ class TrackedHand:
                     self._kind),
                 self._point_labels)
         return self._serialization.markers(
-            self.settings, self._mocap_frame, self._kind, self.warn_once)
+            self.settings, self._mocap_frame, self._kind, self.warn_once,
+            layout_ids(self._tracker.layout))
 
     def _values(self) -> dict[str, Any]:
         """Return the value of each parameter that acts from the next frame on."""

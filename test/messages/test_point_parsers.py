@@ -27,8 +27,9 @@ from hand_tracker.adapters.hand_landmarks import (
 from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
 from hand_tracker.adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from hand_tracker.adapters.point_cloud import points_of_cloud
-from hand_tracker.adapters.point_frame import MalformedFrame
+from hand_tracker.adapters.point_frame import MalformedFrame, SourceFrame
 from hand_tracker.core.model.hand import SIDES
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages import cdr, message_kinds
@@ -40,7 +41,7 @@ from hand_tracker.messages.cdr import (
     parse_points,
     point_capacity,
 )
-from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.labels import LabelMap, default_labels
 from hand_tracker.messages.landmark_kinds import (
     LANDMARK_MARKERS,
     LANDMARK_ORDERS,
@@ -50,7 +51,7 @@ from hand_tracker.messages.landmark_kinds import (
     kind_of_hand,
 )
 from hand_tracker.messages.marker_array import MARKER_ARRAY
-from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME
+from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME, layout_ids
 from hand_tracker.messages.message_kinds import (
     MOCAP4R2_MARKERS,
     POINT_CLOUD,
@@ -354,6 +355,25 @@ def test_one_marker_at_the_origin_is_the_wrist_and_several_are_missing():
     markers[8].pose.position = Point()
     found = reader.read(serialize_message(MarkerArray(markers=markers))).positions
     assert np.isnan(found[0]).all() and np.isfinite(found[1:]).all()
+
+
+@pytest.mark.parametrize('preset', ['mediapipe21', 'openxr26', 'dfki13'])
+def test_landmarks_and_names_are_the_markers_of_the_layout(preset):
+    layout = preset_layout(preset)
+    labels = LabelMap(default_labels(layout.names), layout.names)
+    alone = [row for row, place in enumerate(layout.places) if layout.places.count(place) == 1]
+    assert len(alone) >= 8
+    order = LANDMARK_ORDERS[26]
+    points = 1. + np.arange(78.).reshape(26, 3)
+    expected = [points[order.index(layout.places[row])] for row in alone]
+    reader = MarkerReader(labels, kind=LANDMARK_POSES, ids=layout_ids(layout))
+    found = reader.read(serialize_message(landmark_message(points))).positions
+    np.testing.assert_array_equal(found[alone], expected)
+    names = [f'RHand:{name.upper()}' for name in layout.names]
+    points = 1. + np.arange(3. * len(names)).reshape(-1, 3)
+    frame = SourceFrame(None, 'mocap', tuple(names), points, np.empty((0, 3)))
+    data = MarkerArrayWriter(lambda key, text: None, layout_ids(layout)).write(frame, Stamp(1, 2))
+    np.testing.assert_array_equal(MarkerReader(labels).read(data).positions, points)
 
 
 def test_other_numbers_of_names_are_refused():
