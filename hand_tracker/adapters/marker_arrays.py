@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MARKER_IDS, MOST_MARKERS, MarkerIds
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, MarkerIds
 from ..messages.stamps import Time
 from ..messages.templates import Template, markers_template
 from .packet_structure import PacketOrigin
@@ -27,7 +27,7 @@ class MarkerArrayWriter:
     warn_once : callable
         Logs a warning (key, text) once for each key.
     ids : mapping of str to int, optional
-        Of the hand's markers, as of `layout_ids`.
+        Of the hand's markers, see `MarkerIds`.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class MarkerArrayWriter:
     """
 
     def __init__(self, warn_once: Callable[[str, str], None],
-                 ids: Mapping[str, int] = MARKER_IDS) -> None:
+                 ids: Mapping[str, int] | None = None) -> None:
         self._ids = MarkerIds(warn_once, ids)
         self._capacity = 0
         self._layout: tuple[str, tuple[str, ...]] | None = None

@@ -20,7 +20,7 @@ from .labels import LabelMap
 from .landmark_parsers import parse_landmark_markers, parse_named_poses, parse_pose_array
 from .marker_array import ADD, LIST_TYPES, Head, MarkerFrame, Sources, find_sources, placed, scaled
 from .marker_array_parser import parse_marker_array
-from .marker_ids import MARKER_IDS, MarkerIds, no_warning
+from .marker_ids import MarkerIds, no_warning
 from .message_kinds import (
     MARKER_ARRAY_KIND,
     PARSE_CLOUD,
@@ -111,13 +111,13 @@ class MarkerReader:
     warn_once : callable, optional
         Logs a warning (key, text) once for each key.
     ids : mapping of str to int, optional
-        Of the hand's markers in messages of names, as of `layout_ids`.
+        Of the hand's markers in messages of names, see `MarkerIds`.
     """
 
     def __init__(self, labels: LabelMap, frame_id: str = '', scale: float = 1.0,
                  zero_is_missing: bool = True, kind: MessageKind = MARKER_ARRAY_KIND,
                  warn_once: Callable[[str, str], None] = no_warning,
-                 ids: Mapping[str, int] = MARKER_IDS) -> None:
+                 ids: Mapping[str, int] | None = None) -> None:
         self._labels, self._frame_id = labels, frame_id
         self._scale, self._zero_is_missing = float(scale), bool(zero_is_missing)
         self._kind, self._ids = kind, MarkerIds(warn_once, ids)

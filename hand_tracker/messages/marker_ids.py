@@ -57,8 +57,8 @@ class MarkerIds:
     """
 
     def __init__(self, warn_once: Callable[[str, str], None],
-                 known: Mapping[str, int] = MARKER_IDS) -> None:
-        self._warn_once, self._known = warn_once, known
+                 known: Mapping[str, int] | None = None) -> None:
+        self._warn_once, self._known = warn_once, MARKER_IDS if known is None else known
         self.rows: dict[str, int] = {}
 
     def add(self, names: Sequence[str]) -> list[int]:

@@ -28,7 +28,7 @@ from ..messages.builders import (
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame, markers_from_message
-from ..messages.marker_ids import MARKER_IDS, no_warning
+from ..messages.marker_ids import no_warning
 from ..messages.message_kinds import MARKER_ARRAY_KIND, MessageKind
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
 from ..messages.stamps import Stamp, Time
@@ -83,7 +83,7 @@ class Serialization:
 
     def markers(self, settings: Settings, frame_id: str, kind: MessageKind = MARKER_ARRAY_KIND,
                 warn_once: Callable[[str, str], None] = no_warning,
-                ids: Mapping[str, int] = MARKER_IDS) -> MarkerReader | _ObjectReader:
+                ids: Mapping[str, int] | None = None) -> MarkerReader | _ObjectReader:
         """Return a reader of markers: its `read` returns the MarkerFrame of a message.
 
         Parameters

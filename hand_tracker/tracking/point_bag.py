@@ -116,9 +116,14 @@ class PointBag(Bag):
                 SIDES if choice.side == BOTH else (choice.side or '',)))
             self._heads = [('hand', row) for row in range(recording.points.shape[1])]
             self._points = recording.points
-        if not self.hands[0].side and (by_shape := side_by_shape(recording)):
-            self.hands = (self.hands[0]._replace(side=by_shape),)
-            self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
+        if not self.hands[0].side:
+            by_shape = side_by_shape(recording)
+            self.hands = (self.hands[0]._replace(side=choice.side or by_shape or ''),)
+            if by_shape and choice.side in (None, by_shape):
+                self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
+            elif by_shape:
+                self.notes += (f'its fingers bend as those of a {by_shape} hand: are --side, '
+                               'labels, units and axes right?',)
         if recording.origin is not None:
             self.stands_for = recording.origin.topic
             self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)

@@ -186,6 +186,21 @@ def test_a_cut_rosbag2_recording_is_tracked_as_far_as_it_goes(tracked, tmp_path,
     assert 'note: cut: 240 whole messages are read' in output and output.endswith(' --partial\n')
 
 
+def test_a_side_that_is_asked_for_counts_more_than_the_shape(tmp_path):
+    right = hand_recording(1800)
+    names = tuple(label.partition('_')[2] for label in right.labels)
+    write_recording(tmp_path / 'hand.npz', right._replace(labels=names))
+    told = 'its fingers bend as those of a right hand: are --side, labels, units and axes right?'
+    for asked, side, note in ((None, 'right', 'a right hand, as its fingers bend (--side)'),
+                              ('right', 'right', 'a right hand, as its fingers bend (--side)'),
+                              ('left', 'left', told)):
+        bag = PointBag(tmp_path / 'hand.npz', MarkerChoice(side=asked))
+        assert bag.hands[0].side == side
+        assert note in bag.notes
+    assert main(['track', str(tmp_path / 'hand.npz'), '--side', 'left', '-o',
+                 str(tmp_path / 'angles.csv')]) == 1
+
+
 @pytest.mark.parametrize('name', ['take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'vicon.csv',
                                   'take.npz', 'bag.mcap'])
 def test_inspect_says_what_is_in_it_and_what_to_run(tracked, tmp_path, name, capsys, monkeypatch):
