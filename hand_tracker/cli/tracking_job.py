@@ -18,7 +18,7 @@ from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.opened_recording import open_recording
 from ..tracking.point_bag import PointBag
-from ..tracking.point_labels import PointLabels
+from ..tracking.point_labels import PointLabels, usual_shape_warning
 from ..tracking.recording import (
     MarkerReading,
     RecordedFrame,
@@ -97,6 +97,9 @@ class TrackingJob:
             monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
             self._monitors[name] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
+            if not reading.has_labels and (
+                    warning := usual_shape_warning(tracker.hand, tracker.layout)):
+                self.say(_whose(name) + warning)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1

@@ -28,7 +28,7 @@ from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.monitor import Monitor, TrackedFrames
-from ..tracking.point_labels import PointLabelReader, PointLabels
+from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .hand_display import HandDisplay
 from .hand_services import HandServices
@@ -131,6 +131,8 @@ class TrackedHand:
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
         self._monitor.check_side(self.hand, self._tracker.layout)
+        if self.labels_points:
+            self._warn_of_usual_shape()
 
     # Frames
 
@@ -191,8 +193,14 @@ class TrackedHand:
         self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of the '
                                 "hand, as with labels:='none'")
         self.labels_points = True
+        self._warn_of_usual_shape()
         self.stream.reader = self._new_reader()
         self._node.disable_fast_path()
+
+    def _warn_of_usual_shape(self) -> None:
+        warning = usual_shape_warning(self.hand, self._tracker.layout)
+        if warning is not None:
+            self._monitor.warn_once('shape', warning)
 
     def left_out(self, count: int) -> None:
         """Count frames that were left out, see `Monitor.left_out`."""

@@ -119,13 +119,14 @@ class LabelChanges:
         now, last = frame.positions, self._last
         seen = np.isfinite(now[:, 0])
         self._last = np.where(seen[:, None], now, last)
-        # Reported are at most some labels of others.
-        if seen.any() or len(frame.unknown) < min(self._count, len(MARKERS)):
+        # Reported are at most some labels of others; frames of fewer points say nothing.
+        if seen.any():
             self._missing_since = None
-        elif self._missing_since is None:
-            self._missing_since = received
-        elif received - self._missing_since >= UNLABELLED_AFTER:
-            return 'no marker has a label of labels.*'
+        elif len(frame.unknown) >= min(self._count, len(MARKERS)):
+            if self._missing_since is None:
+                self._missing_since = received
+            elif received - self._missing_since >= UNLABELLED_AFTER:
+                return 'no marker has a label of labels.*'
         steps = now - last
         leapt = np.flatnonzero(np.einsum('ij,ij->i', steps, steps) > LABEL_STEP**2)
         if len(leapt) >= 2:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.model.hand import OTHER_SIDE, Hand
 from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, LAYOUT_PRESETS, preset_layout
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.point_labelling.natural_poses import model_prototype
 from ..core.point_labelling.prototypes import HandPrototype
@@ -27,6 +27,21 @@ def is_measured(hand: Hand) -> bool:
     mean = Hand.scaled(side=hand.side)
     return not all(map(np.array_equal, (hand.finger_bones, hand.finger_mcp),
                        (mean.finger_bones, mean.finger_mcp)))
+
+
+def usual_shape_warning(hand: Hand, layout: MarkerLayout) -> str | None:
+    """Return a warning of many markers to be labelled by the shape of a usual hand, else None.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+    """
+    if len(layout.names) <= len(MARKERS) or is_measured(hand):
+        return None
+    return (f'{len(layout.names)} markers without labels are told apart by the shape of a usual '
+            'hand, so that many labels are wrong until a hand file of yours is given '
+            '(hand_tracker calibrate)')
 
 
 def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:

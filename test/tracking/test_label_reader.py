@@ -12,7 +12,11 @@ from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame, PointReader
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.marker_events import LabelChanges
-from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
+from hand_tracker.tracking.point_labels import (
+    PointLabelReader,
+    PointLabels,
+    usual_shape_warning,
+)
 
 PERIOD = .01
 
@@ -50,6 +54,23 @@ def test_points_without_any_label_are_told_from_a_hand_that_is_hidden():
     found = reasons([frame(nothing, others)] * 120)
     assert found[:90] == [None] * 90
     assert found[-1] == 'no marker has a label of labels.*'
+
+
+def test_frames_of_fewer_points_keep_nobody_from_seeing_that_no_label_is_of_use():
+    nothing = np.full((8, 3), np.nan)
+    others = [('', number) for number in range(20, 28)]
+    found = reasons([frame(nothing, others[:8 - number % 3]) for number in range(120)])
+    assert found[:90] == [None] * 90
+    assert 'no marker has a label of labels.*' in found
+    one = hand_at() * np.where(np.arange(8)[:, None] == 2, 1., np.nan)
+    assert reasons([frame(one, others[:7])] * 300) == [None] * 300
+
+
+def test_many_markers_by_the_shape_of_a_usual_hand_are_warned_of():
+    usual, measured = Hand.scaled(), Hand.scaled(length=.2, breadth=.095)
+    assert usual_shape_warning(usual, preset_layout('sig18_19')).startswith('19 markers without')
+    assert usual_shape_warning(measured, preset_layout('sig18_19')) is None
+    assert usual_shape_warning(usual, preset_layout('paper8')) is None
 
 
 @pytest.mark.parametrize('size, sizes', [
