@@ -53,7 +53,7 @@ class RetargetOptions:
     limit_margin: float = number_option(
         0., 0., .5, 'rad or m', "Distance kept from the URDF's limits")
     iterations: int = number_option(
-        20, 1, 100, '1', 'Gauss-Newton steps of a frame at most')
+        15, 1, 100, '1', 'Gauss-Newton steps of a frame at most')
     tolerance: float = number_option(
         2e-4, 1e-9, .1, 'rad or m', 'Change that ends the steps of a frame')
 
