@@ -405,7 +405,9 @@ class InputMonitor:
 
     def _expected(self, slots: Iterable[int] | np.ndarray) -> str:
         labels, names = self.labels.labels, self.labels.names
-        return ', '.join(f"'{labels[slot]}' ({names[slot]})" for slot in slots)
+        # Markers that are not worn have no label.
+        return ', '.join(f"'{labels[slot]}' ({names[slot]})" if labels[slot] else names[slot]
+                         for slot in slots)
 
     def _judge_fit(self, least: float) -> None:
         miss = self._fit.mean(least)

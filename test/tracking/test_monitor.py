@@ -206,3 +206,9 @@ def test_markers_without_any_label_are_a_fault_of_the_labels():
     for number in range(30):
         found.judge(.1 * number, nobody)
     assert found.label_fault == 'no marker has a label of labels.*'
+
+
+def test_a_marker_that_is_not_worn_is_told_of_by_its_name_alone():
+    labels = LabelMap(['', '1', '2', '3', '4', '5', '6', '7'])
+    said = Monitor(0., '/markers', labels).why_never_tracked()
+    assert "wrist, '1' (index_mcp), '2' (little_mcp)" in said
