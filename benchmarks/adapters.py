@@ -56,15 +56,19 @@ def hand_frames(rate):
     return np.concatenate((motion, motion[-2:0:-1]))
 
 
-def landmark_poses(positions):
-    """Return the poses of 21 landmarks, of which those of the eight markers are somewhere."""
-    from geometry_msgs.msg import Point, Pose
-
+def landmark_points(positions):
+    """Return 21 landmarks, of which those of the eight markers are somewhere, shape (21, 3)."""
     from hand_tracker.calibration.landmarks import LANDMARKS
     from hand_tracker.core.model.marker_layout import PAPER_PLACES
-    rows = dict(zip(PAPER_PLACES, positions.tolist()))
-    return [Pose(position=Point(**dict(zip('xyz', rows.get(name, (np.nan,) * 3)))))
-            for name in LANDMARKS]
+    rows = dict(zip(PAPER_PLACES, positions))
+    return np.array([rows.get(name, (np.nan,) * 3) for name in LANDMARKS])
+
+
+def landmark_poses(positions):
+    """Return the same as poses."""
+    from geometry_msgs.msg import Point, Pose
+    return [Pose(position=Point(x=x, y=y, z=z))
+            for x, y, z in landmark_points(positions).tolist()]
 
 
 def source_of(name):
@@ -181,8 +185,7 @@ class Sender:
         from hand_tracker.messages.stamps import Stamp
         from hand_tracker.messages.templates import markers_template
         template = markers_template('head', [('hand', row) for row in range(len(LANDMARKS))])
-        return template.fill(Stamp(stamp.sec, stamp.nanosec), np.array(
-            [(at.x, at.y, at.z) for at in (pose.position for pose in landmark_poses(positions))]))
+        return template.fill(Stamp(stamp.sec, stamp.nanosec), landmark_points(positions))
 
     @staticmethod
     def _with_header(message, stamp):

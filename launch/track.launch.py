@@ -212,8 +212,7 @@ def source(plan: LaunchPlan) -> list[Action]:
     if plan.given['source'] not in SYSTEMS or plan.direct or plan.has_source:
         return []
     return [node(
-        plan, 'source', {**{name: plan.hands[0].parameters[name] for name in (
-            'layout', 'hand_file')}, 'side': plan.hands[0].hand.side, **plan.source_parameters},
+        plan, 'source', plan.own_source_parameters,
         file=plan.given['parameters'], name=SOURCE_NAME,
         remappings=[('~/markers', plan.marker_topic)], on_exit=ended('source'))]
 

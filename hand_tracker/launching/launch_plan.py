@@ -47,6 +47,7 @@ LEFT_ARGUMENTS = {
     'left_robot_description': "robot_description is the robot's"}
 ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
 MOUNT_TAKES = 'hand_file', 'side', 'prefix'
+SOURCE_TAKES = 'layout', 'hand_file'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 
 
@@ -214,6 +215,13 @@ class LaunchPlan:
         """Each hand with the robot that is shown beside it."""
         return [(hand, robot) for hand, robot in zip(self.hands, self.robots)
                 if self.shows_robots and robot['robot']]
+
+    @property
+    def own_source_parameters(self) -> dict[str, Any]:
+        """Parameters of the source node in a process of its own."""
+        hand = self.hands[0]
+        return {**{name: hand.parameters[name] for name in SOURCE_TAKES},
+                'side': hand.hand.side, **self.source_parameters}
 
     def skin_parameters(self, hand: LaunchedHand) -> dict[str, Any]:
         """Return the parameters of the skin of a hand."""

@@ -118,7 +118,7 @@ class PointBag(Bag):
             self._points = recording.points
         if not self.hands[0].side:
             by_shape = side_by_shape(recording)
-            self.hands = (self.hands[0]._replace(side=choice.side or by_shape or ''),)
+            self.hands = (self.hands[0]._replace(side=choice.side or by_shape),)
             if by_shape and choice.side in (None, by_shape):
                 self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
             elif by_shape:

@@ -65,6 +65,14 @@ def test_markers_come_from_where_the_source_sends_them(given, topic, direct, has
     assert (plan.direct and plan.direct.message) == direct
 
 
+def test_a_source_knows_the_markers_that_are_worn():
+    plan = plan_of(source='mocap4r2', subject='RHand', side='left', layout='kyutech23')
+    assert plan.direct is None
+    assert plan.own_source_parameters == {
+        'source': 'mocap4r2', 'subject': 'RHand', 'side': 'left', 'layout': 'kyutech23',
+        'hand_file': ''}
+
+
 def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('/**: {ros__parameters: {side: left, wrist_frame: left_wrist}}')

@@ -234,12 +234,12 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     """
     if kernel not in _deferred_options:
         return kernel
-    numba = _compiler(folder or CACHE_FOLDER)
+    _compiler(folder or CACHE_FOLDER)
     dispatcher = _dispatcher(kernel, True, _deferred_options[kernel])
     calls = arguments, *others
     try:
         for call in calls:
-            dispatcher.compile(tuple(numba.typeof(argument) for argument in call))
+            dispatcher.compile(tuple(map(_type_of, call)))
     except Exception as error:  # compiling fails, as the kernels that it calls are plain Python
         raise KernelsUnavailable(f'{kernel.__name__} is not on disk') from error
     if sum(dispatcher.stats.cache_hits.values()) < len(calls):
