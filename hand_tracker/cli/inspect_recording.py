@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Iterable
+from glob import escape, glob
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
+from ..files.bags import BAG_CONTENTS
 from ..files.point_recording import PointRecording
 from ..files.recordings import BVH, C3D, FILE_SUFFIXES
 from ..files.written_kinds import BAG_SUFFIXES
@@ -83,7 +87,7 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     -------
     str
     """
-    words = ['hand_tracker', 'track', str(path), '-o', f'{_output_name(path)}_angles.csv']
+    words = ['hand_tracker', 'track', str(path), '-o', _output(path, '_angles.csv')]
     for name in ('units', 'up', 'handed', 'frame_rate', 'subject'):
         if getattr(options, name):
             words.append(f'--{name.replace("_", "-")}={getattr(options, name)}')
@@ -111,28 +115,44 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
         return shlex.join(words)
     if not given and all(label.isdecimal() for label in recording.labels if label):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])
-    spliced = ['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o',
-               f'{_output_name(path)}_hands']
+    spliced = ['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o']
     if not given and recording.format == BVH.name and is_body(recording):
-        return shlex.join(spliced) + BVH.suffixes[0]
+        return shlex.join([*spliced, _output(path, f'_hands{BVH.suffixes[0]}')])
     try:
         side = choose_markers(recording, names=given).side
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
         if not given and is_body_of_markers(recording):
-            return shlex.join(spliced) + C3D.suffixes[0]
+            return shlex.join([*spliced, _output(path, f'_hands{C3D.suffixes[0]}')])
         given |= {marker: UNKNOWN_LABEL for marker in error.missing}
     if given:
         words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
     return shlex.join(words)
 
 
-def _output_name(path: Path) -> str:
-    """Return what begins the name of an output, another one for each recording of a folder."""
+def _output(path: Path, end: str) -> str:
+    """Return the name of an output in the present folder, another one for each recording.
+
+    Recordings of a folder that differ by their suffix alone keep it. Folders are named where
+    another one has a recording of the same name, or where its output is already there.
+    """
     stem = path.name.partition('.')[0]
-    alike = [one for one in path.parent.iterdir() if one.name.partition('.')[0] == stem
-             and one.suffix in (*FILE_SUFFIXES, *BAG_SUFFIXES)]
-    return path.name.replace('.', '_') if len(alike) > 1 else stem
+    name = path.name.replace('.', '_') if len(_alike(path.parent.iterdir(), stem)) > 1 else stem
+    here, folder = Path.cwd(), path.parent.resolve()
+    if folder == here:
+        return name + end
+    folders = folder.relative_to(here).parts if folder.is_relative_to(here) else ()
+    places = ('*/' * depth + f'{escape(stem)}*' for depth in {0, len(folders)} if folders)
+    found = _alike(map(Path, chain.from_iterable(map(glob, places))), stem)
+    if any(one.parent.resolve() != folder for one in found) or Path(name + end).exists():
+        name = '_'.join((*(folders or (folder.name,)), name))
+    return name + end
+
+
+def _alike(paths: Iterable[Path], stem: str) -> list[Path]:
+    """Return the recordings among paths whose outputs would begin with one name."""
+    return [one for one in paths if one.name.partition('.')[0] == stem
+            and (one.suffix in (*FILE_SUFFIXES, *BAG_SUFFIXES) or (one / BAG_CONTENTS).exists())]
 
 
 def _calibration_command(command: str) -> str:

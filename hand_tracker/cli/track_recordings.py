@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ..core.model.hand import BOTH, SIDES
-from ..files.bags import STORAGE, BagError
+from ..files.bags import BAG_CONTENTS, STORAGE, BagError
 from ..files.recordings import FILE_SUFFIXES
 from ..files.remote_files import Url, exists, local_copy, matching, upload
 from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
@@ -24,7 +24,6 @@ from ..tracking.recording import save, save_hands
 from ..tracking.save_motion import collect_frames, save_motion
 from .tracking_job import ProgressMaker, tracked_hands, tracked_recording
 
-BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
 ALREADY_THERE = 'already there'
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '

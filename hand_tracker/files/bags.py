@@ -40,7 +40,8 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 # Read by Humble and Jazzy.
 BAG_METADATA_VERSION = 8
 STORAGE = dict(zip(BAG_SUFFIXES, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)))
-EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
+BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
+EXPECTED = f'expected a rosbag2 folder with {BAG_CONTENTS}, a .mcap file or a .db3 file'
 LONGEST_REASON = 300       # [characters] of an error of rosbags that is told
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -239,8 +240,8 @@ def open_bag(path: str | PathLike[str], partial: bool = False) -> Iterator[Bag]:
     if not path.exists():
         raise BagError(f'{path}: no such file or folder; {EXPECTED}')
     if path.is_dir():
-        if not (path / 'metadata.yaml').exists():
-            raise BagError(f'{path}: a folder without metadata.yaml; {EXPECTED}')
+        if not (path / BAG_CONTENTS).exists():
+            raise BagError(f'{path}: a folder without {BAG_CONTENTS}; {EXPECTED}')
     elif path.suffix not in STORAGE:
         raise BagError(f'{path}: unknown extension {path.suffix!r}; {EXPECTED}')
     elif not path.stat().st_size:

@@ -419,6 +419,32 @@ def test_inspect_names_another_output_for_each_recording_of_a_folder(tmp_path, c
     assert found == ['take_trc_angles.csv', 'take_tsv_angles.csv', 'other_angles.csv']
 
 
+def test_inspect_names_folders_where_outputs_of_recordings_would_have_one_name(
+        tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recordings = ['take.trc', 'a/take.trc', 'b/take.c3d', 'b/other.trc', 'c/d/take.trc',
+                  'c/e/take.trc']
+    for name in recordings:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_recording(path, hand_recording(60))
+
+    def outputs():
+        found = []
+        for name in recordings:
+            assert main(['inspect', name]) == 0
+            found.append(capsys.readouterr().out.partition(' -o ')[2].split()[0])
+        return found
+
+    names = ['take_angles.csv', 'a_take_angles.csv', 'b_take_angles.csv', 'other_angles.csv',
+             'c_d_take_angles.csv', 'c_e_take_angles.csv']
+    assert outputs() == names
+    # Of another folder's recording, as far as is known.
+    (tmp_path / 'other_angles.csv').touch()
+    (tmp_path / 'take_angles.csv').touch()
+    assert outputs() == [*names[:3], 'b_other_angles.csv', *names[4:]]
+
+
 def test_inspect_names_the_likelier_unit_in_its_command(tmp_path, capsys):
     recording = hand_recording(60)
     write_recording(tmp_path / 'take.npz', recording._replace(points=1000. * recording.points))
