@@ -71,15 +71,14 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         names, usual = names_in_layout(known)
         fields = {**fields, 'marker_names': np.array(names)}
     names, points = _named_points(path, fields)
-    rate = usable_rate(path, frame_rate or _number(
-        path, 'rate_hz', fields.get('rate_hz', np.array(np.nan))), InvalidTake)
+    rate = frame_rate or _number(path, 'rate_hz', fields.get('rate_hz', np.array(np.nan)))
     sequence = np.asarray(fields.get('sequence', np.zeros(len(points), dtype=int)))
     if sequence.shape != (len(points),):
         raise InvalidTake(f'{path}: sequence of shape {sequence.shape}; expected a number for '
                           f'each of the {len(points)} frames')
     credit = str(fields.get('source', '')), str(fields.get('licence', ''))
-    return MarkerTake(path.stem, names, points, side, rate, sequence, 'markers' in fields, credit,
-                      usual)
+    return MarkerTake(path.stem, names, points, side, usable_rate(path, rate, InvalidTake),
+                      sequence, 'markers' in fields, credit, usual, rate_notes(path, rate))
 
 
 def recorded_take(path: str | PathLike[str], side: str | None = None,
@@ -128,7 +127,8 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
     return MarkerTake(
         path.stem, tuple(name for name, keep in zip(known, kept) if keep), points[:, kept],
         side or own_side, float(np.clip(rate, *TAKE_RATE_RANGE)),
-        np.zeros(len(points), dtype=int), not recording.is_landmarks, usual=usual)
+        np.zeros(len(points), dtype=int), not recording.is_landmarks, usual=usual,
+        notes=rate_notes(path, recording.rate))
 
 
 def _named_columns(recording: PointRecording, side: str | None,
@@ -157,6 +157,12 @@ def usable_rate(path: Path, rate: float, error: type[HandTrackerError]) -> float
         raise error(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
                     f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
     return rate
+
+
+def rate_notes(path: Path, rate: float) -> tuple[str, ...]:
+    """Return the note on a file whose rate is not known, where it is NaN [Hz]."""
+    return (f'{path}: the file does not say its rate: {ASSUMED_RATE:g} Hz is assumed '
+            '(--frame-rate)',) if np.isnan(rate) else ()
 
 
 def _number(path: Path, name: str, value: np.ndarray) -> float:

@@ -36,6 +36,8 @@ class MarkerTake(NamedTuple):
         Source and licence; empty where the file does not say.
     usual : dict of str to UsualPlace
         Of palm markers at no landmark, where their layout has them.
+    notes : tuple of str
+        To print: what was assumed of the file.
     """
 
     name: str
@@ -47,6 +49,7 @@ class MarkerTake(NamedTuple):
     is_optical: bool = True
     credit: tuple[str, str] = ('', '')
     usual: dict[str, UsualPlace] = {}
+    notes: tuple[str, ...] = ()
 
     @property
     def mirror(self) -> np.ndarray:

@@ -103,5 +103,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
             take = load_take(path, options.side, frame_rate=options.frame_rate)
         else:
             take = recorded_take(path, options.side, choice.reading, layout, choice.names)
+        for note in take.notes:
+            print(note, file=sys.stderr)
         takes.append(take._replace(points=options.unit_scale * take.points))
     return calibrate_takes(takes, options.output, options.limits, options.picture, layout)

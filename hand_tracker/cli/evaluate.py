@@ -200,6 +200,8 @@ def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
         raise HandTrackerError('; '.join(map(str, all_faults)))
     found = EvaluationInput(tuple(captures), tuple(takes.values()), tuple(fit_takes.values()),
                             tuple(layout_takes.values()), tuple(fit_layout_takes.values()))
+    for note in dict.fromkeys(note for files_of in found for one in files_of for note in one.notes):
+        print(note, file=sys.stderr)
     return found, all_faults
 
 

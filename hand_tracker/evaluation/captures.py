@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import LANDMARKS
-from ..calibration.take_files import recorded_take, usable_rate
+from ..calibration.take_files import rate_notes, recorded_take, usable_rate
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
@@ -41,6 +41,8 @@ class Capture(NamedTuple):
         [Hz]
     source, licence : str
         From the file; empty if missing.
+    notes : tuple of str
+        To print: what was assumed of the file.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Capture(NamedTuple):
     rate: float
     source: str = ''
     licence: str = ''
+    notes: tuple[str, ...] = ()
 
     @property
     def markers(self) -> np.ndarray:
@@ -104,7 +107,8 @@ def load_capture(path: str | PathLike[str], frame_rate: float | None = None) -> 
     try:
         with open_arrays(path, InvalidCapture) as data:
             fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
-            credit = [str(data[name]) if name in data else '' for name in ('source', 'licence')]
+            source, licence = (str(data[name]) if name in data else ''
+                               for name in ('source', 'licence'))
     except KeyError as error:
         raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
                              'and rate_hz') from None
@@ -124,11 +128,13 @@ def load_capture(path: str | PathLike[str], frame_rate: float | None = None) -> 
     if fields['rate_hz'].size != 1:
         raise InvalidCapture(f'{path}: rate_hz of shape {fields["rate_hz"].shape}; '
                              'expected one number')
-    rate = usable_rate(path, frame_rate or float(fields['rate_hz'].item()), InvalidCapture)
+    rate = frame_rate or float(fields['rate_hz'].item())
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
     # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
-    return _checked(path, Capture(path.stem, joints, str(fields['side'].item()), rate, *credit))
+    return _checked(path, Capture(
+        path.stem, joints, str(fields['side'].item()), usable_rate(path, rate, InvalidCapture),
+        source, licence, rate_notes(path, rate)))
 
 
 def _recorded_capture(path: Path, frame_rate: float | None) -> Capture:
@@ -136,7 +142,7 @@ def _recorded_capture(path: Path, frame_rate: float | None) -> Capture:
     take = recorded_take(path, reading=ReadingOptions(frame_rate=frame_rate))
     joints = take.columns(LANDMARKS)
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
-    return Capture(path.stem, joints, take.side, take.rate)
+    return Capture(path.stem, joints, take.side, take.rate, notes=take.notes)
 
 
 def _checked(path: Path, capture: Capture) -> Capture:

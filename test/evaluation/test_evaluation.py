@@ -433,9 +433,12 @@ def test_a_rate_that_no_file_says_can_be_given(tmp_path, moving, capsys, monkeyp
         'points', 'test', LANDMARKS, moving.joints.astype(np.float32), 120., None,
         Axes('m', 'z')))
     files = [str(tmp_path / name) for name in ('c.npz', 'points.trc')]
-    for more in ([], ['--frame-rate', '60']):
+    note = f'{files[0]}: the file does not say its rate: 30 Hz is assumed (--frame-rate)'
+    for more, is_assumed in (([], True), (['--frame-rate', '60'], False)):
         assert main(['evaluate', 'occlusion', *files, *more, '--quiet']) == 1
-        assert 'no more is asked' in capsys.readouterr().err
+        errors = capsys.readouterr().err
+        assert 'no more is asked' in errors
+        assert errors.count(note) == errors.count('its rate') == is_assumed
     assert given == [[30., 120.], [60., 60.]]
 
 
