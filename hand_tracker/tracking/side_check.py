@@ -13,7 +13,8 @@ from ..core.model.states import SEEN, SWAPPED
 from ..core.tracker import HandState
 from .setting_names import BAG_OPTION_NAMES, SettingNames
 
-# [m] that fingers are beyond the palm's plane: more than they bend back, MCP by 30 degrees; ours.
+# [m] that digits are beyond the palm's plane: more than fingers bend back, MCP by 30 degrees, and
+# than a thumb goes behind it; ours.
 BEYOND_PALM = .035
 LEAST_FINGERS = 3       # that are beyond it, of those that are seen
 LEAST_BENT = .4         # [s] for which they are, before it is said
@@ -73,11 +74,10 @@ class SideCheck:
         length = float(np.sqrt(normal @ normal))
         if not length > 0.:  # a marker is hidden
             return None
-        fingers = markers[len(PALM_MARKERS):len(PALM_MARKERS) + len(FINGERS)]
-        depths = (fingers - p) @ (normal / length)
-        if (depths > BEYOND_PALM).sum() >= LEAST_FINGERS:
+        depths = (markers[len(PALM_MARKERS):] - p) @ (normal / length)
+        if _are_beyond(depths):
             self._palmar += step
-        elif (depths < -BEYOND_PALM).sum() >= LEAST_FINGERS:
+        elif _are_beyond(-depths):
             self._dorsal += step
         longest = max(self._palmar, self._dorsal)
         if longest < LEAST_BENT:
@@ -88,6 +88,21 @@ class SideCheck:
         if self._palmar < MINOR_SHARE * self._dorsal:
             return True
         return False if self._dorsal < MINOR_SHARE * self._palmar else None
+
+
+def _are_beyond(depths: np.ndarray) -> bool:
+    """Return whether digits are beyond the palm: most fingers, or the thumb and rather these.
+
+    Parameters
+    ----------
+    depths : ndarray, shape (5,)
+        Of the digits' markers beyond the palm's plane, NaN where one is not seen [m].
+    """
+    fingers, thumb = depths[:len(FINGERS)], depths[len(FINGERS)]
+    if (fingers > BEYOND_PALM).sum() >= LEAST_FINGERS:
+        return True
+    seen = np.isfinite(fingers)
+    return bool(thumb > BEYOND_PALM and seen.sum() >= LEAST_FINGERS and fingers[seen].sum() > 0.)
 
 
 def side_fault(side: str, names: SettingNames) -> str:

@@ -21,6 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hand_tracker.__main__ import main
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bag_points import marker_messages, read_bag_points
@@ -71,7 +72,7 @@ def test_every_kind_of_messages_is_read(tmp_path, kind, suffix):
     np.testing.assert_allclose(found.stamps, 1e-9 * RECORDED_PERIOD * np.arange(60), atol=1e-12)
     expected = positions_of(kind, 60)
     if kind == 'named':
-        expected = np.concatenate((expected + .5, expected), axis=1)
+        expected = np.concatenate((LEFT_HAND_MIRROR * expected + .5, expected), axis=1)
         expected[:, -1] = np.nan      # of which `is_valid` is false
     for row, (points, positions) in enumerate(zip(found.points, expected)):
         if kind == 'cloud':           # in another order in each frame

@@ -4,7 +4,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from hand_tracker.calibration.landmarks import landmark_positions
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import TYPE_STORE
@@ -72,7 +72,7 @@ def named_message(landmarks, number):
     names = [name_of[landmark] for landmark in LANDMARK_ORDERS[21]]
     return TYPES['teleop_ros2_interfaces/msg/NamedPoseArray'](
         header(number), [f'{side}_{name}' for side in ('left', 'right') for name in names],
-        [*map(pose, landmarks + .5), *map(pose, landmarks)],
+        [*map(pose, LEFT_HAND_MIRROR * landmarks + .5), *map(pose, landmarks)],
         np.array([True] * len(names) + [name != 'LITTLE_TIP' for name in names]))
 
 

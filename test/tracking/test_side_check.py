@@ -4,13 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.hands import from_pose_to_pose
+from helpers.capture_files import capture_path
+from helpers.hands import from_pose_to_pose, hand_at
 
-from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, OTHER_SIDE, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import PREDICTED, SEEN
-from hand_tracker.tracking.side_check import SideCheck
+from hand_tracker.tracking.side_check import SideCheck, recorded_side_fault
 
 RATE = 100.
 HAND = Hand.scaled()
@@ -32,6 +34,37 @@ def test_the_other_hand_is_found_within_two_seconds_and_the_own_never(seed):
         assert found_after(side, mine) is None
         assert found_after(other, mine) <= 2.
         assert found_after(side, mine * (1., 1., -1.)) <= 2.  # a mirrored axis
+
+
+def test_a_hand_that_hardly_bends_is_found_by_its_thumb():
+    # Half of a hand at rest.
+    frames = np.array([hand_at(HAND.relaxed() * (.5 + .1 * np.sin(.05 * number)))
+                       for number in range(200)])
+    assert found_after('right', frames) is None
+    assert found_after('left', frames) <= 1.
+    frames[:, -1] = np.nan
+    assert found_after('left', frames) is None
+
+
+@pytest.mark.parametrize('name', ['manipnet__cup1_leftHand', 'dfki__pillow'])
+def test_the_other_hand_of_a_capture_is_found_within_two_seconds(name):
+    capture = np.load(capture_path(name))
+    side, layout = str(capture['side']), MarkerLayout()
+    if 'markers' in capture:
+        layout = preset_layout('dfki13')
+        frames = capture['markers'][:, [*map(list(capture['marker_names']).index, layout.names)]]
+    else:
+        names = list(capture['joints'])
+        frames = capture['positions'][:, [names.index(place) for place in PAPER_PLACES]]
+    rate = float(capture['rate_hz'])
+    for start in range(0, len(frames) - int(2 * rate), int(5 * rate)):
+        seconds = frames[start:start + int(2 * rate):int(rate / 20)]
+        found = recorded_side_fault(
+            ((.05 * n, frame) for n, frame in enumerate(seconds)), OTHER_SIDE[side],
+            layout.principal)
+        assert found is not None
+        assert recorded_side_fault(((.05 * n, frame) for n, frame in enumerate(seconds)), side,
+                                   layout.principal) is None
 
 
 def test_a_flat_hand_or_a_palm_that_is_hidden_tells_nothing():
