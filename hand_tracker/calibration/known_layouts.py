@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +52,8 @@ def likely_layouts(recording: PointRecording) -> list[LikelyLayout]:
     -------
     list of LikelyLayout
         The most likely first. The likelihood is the share of names that layout and recording
-        have in common, times that of the side.
+        have in common, times that of the side; where there are no names, the share of frames
+        with as many points as the layout has markers, together within a hand's size.
     """
     hands = {hand.side: hand.columns for hand in hands_of(recording)}
     shared = hands.get('', {})
@@ -72,7 +73,7 @@ def likely_layouts(recording: PointRecording) -> list[LikelyLayout]:
             # Of points that name a side and of those that name none.
             other = found.setdefault((one.name, one.side), one)
             found[one.name, one.side] = max(one, other, key=lambda layout: layout.likelihood)
-    return sorted(found.values() or _anonymous(recording), key=lambda one: -one.likelihood)
+    return sorted(found.values() or _by_number(recording), key=lambda one: -one.likelihood)
 
 
 def complete_layout(recording: PointRecording) -> LikelyLayout | None:
@@ -143,19 +144,34 @@ def _matches(recording: PointRecording, hands: Mapping[str, Mapping[str, int]]
         yield from ((preset, match) for match in matches.values())
 
 
-def _anonymous(recording: PointRecording) -> list[LikelyLayout]:
-    """Return the layout of points without labels: eight or more within a hand's size."""
+def are_nameless(labels: Iterable[str]) -> bool:
+    """Return whether labels name nothing: there are none, or numbers, as ids of MarkerArrays."""
+    return all(not label or label.rpartition('/')[2].isdecimal() for label in labels)
+
+
+def _by_number(recording: PointRecording) -> list[LikelyLayout]:
+    """Return the layouts of as many markers as there are points, none of which has a name.
+
+    Of points without labels, eight or more within a hand's size are one of their own.
+    """
     unnamed = [i for i, label in enumerate(recording.labels) if not label]
-    points = recording.points[::max(len(recording.points) // 200, 1)][:, unnamed]
+    nameless = unnamed or list(range(len(recording.labels)) if are_nameless(recording.labels)
+                               else ())
+    points = recording.points[::max(len(recording.points) // 200, 1)][:, nameless]
     if points.size == 0:
         return []
-    seen = np.isfinite(points).all(axis=2)
-    counts = seen.sum(axis=1)
+    counts = np.isfinite(points).all(axis=2).sum(axis=1)
     full = points[counts >= len(PAPER_PLACES)]
     if not len(full):
         return []
     span = np.nanmax(full, axis=1) - np.nanmin(full, axis=1)
     near = float(np.mean(np.linalg.norm(span, axis=1) < HAND_SPAN))
-    usual = float(np.mean(counts == len(PAPER_PLACES)))
-    likelihood = round(near * max(usual, .1), 3)
-    return [LikelyLayout(UNNAMED_LAYOUT, 'unknown', likelihood)] if likelihood else []
+    sizes = {preset: len(preset_layout(preset).names) for preset in LAYOUT_PRESETS}
+    likelihoods = {preset: near * float(np.mean(counts == size)) / [*sizes.values()].count(size)
+                   for preset, size in sizes.items()}
+    found = {name: one for name, one in likelihoods.items() if one >= LEAST_LIKELIHOOD}
+    if unnamed:
+        usual = float(np.mean(counts == len(PAPER_PLACES)))
+        found = {UNNAMED_LAYOUT: near * max(usual, .1), **found}
+    return [LikelyLayout(name, 'unknown', round(one, 3)) for name, one in found.items()
+            if round(one, 3)]

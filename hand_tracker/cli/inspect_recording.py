@@ -14,7 +14,13 @@ import numpy as np
 
 from ..calibration.hand_axes import is_body, likelier_unit
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
+from ..calibration.known_layouts import (
+    UNNAMED_LAYOUT,
+    LikelyLayout,
+    are_nameless,
+    first_complete,
+    has_both,
+)
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
@@ -100,21 +106,27 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     layout = preset_layout(likeliest.name) if likeliest is not None else None
     has_ids = is_marker_bag(path, MarkerChoice(
         reading_options(options), names=given, layout=layout))
+    # Where nothing has a name, as many points as a layout has markers may be these.
+    other = next((one.name for one in layouts if one.name != UNNAMED_LAYOUT), PAPER_LAYOUT)
+    without_labels = [*['--layout', other] * (
+        other != PAPER_LAYOUT and not given and likeliest is None
+        and are_nameless(recording.labels)),
+        '--labels', WITHOUT_LABELS]
     is_both = likeliest is not None and has_both(recording, layouts, likeliest.name)
     if has_ids and is_both:
         return shlex.join([*words, '--side', BOTH])
-    if has_ids and label_fault(
+    if has_ids and '--layout' not in without_labels and label_fault(
             path, options.topic, MarkerReading(partial=options.partial), MarkerLayout()) is None:
         return shlex.join(words)
     if has_ids or not any(recording.labels):
-        return shlex.join([*words, '--labels', WITHOUT_LABELS])
+        return shlex.join([*words, *without_labels])
     if likeliest is not None:
         side = BOTH if is_both else likeliest.side
         words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
         words += ['--side', side] * (side in (*SIDES, BOTH))
         return shlex.join(words)
-    if not given and all(label.isdecimal() for label in recording.labels if label):
-        return shlex.join([*words, '--labels', WITHOUT_LABELS])
+    if not given and are_nameless(recording.labels):
+        return shlex.join([*words, *without_labels])
     spliced = ['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o']
     if not given and recording.format == BVH.name and is_body(recording):
         return shlex.join([*spliced, _output(path, f'_hands{BVH.suffixes[0]}')])
@@ -166,10 +178,10 @@ def _calibration_command(command: str) -> str:
     Returns
     -------
     str
-        Empty where that has no layout.
+        Empty where that has no layout, or no labels to fit it by.
     """
     words = shlex.split(command)
-    if '--layout' not in words:
+    if '--layout' not in words or '--labels' in words:
         return ''
     words[1], words[words.index('-o') + 1] = 'calibrate', FITTED_HAND
     # A hand file of one hand serves the other, too.
@@ -214,4 +226,7 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     if command.endswith(f' --labels {WITHOUT_LABELS}'):
         lines.append('points without labels are searched for a right hand: add --side left for a '
                      'left one, --side both for two')
+        if ' --layout ' in command and labels and found['topic']:
+            lines.append("where the ids, from 0 on, are in the order of the layout's markers, "
+                         f'leave out --labels {WITHOUT_LABELS}')
     return [*lines, f'next: {command}']

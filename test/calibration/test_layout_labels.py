@@ -70,6 +70,23 @@ def test_numbers_name_a_layout_only_where_there_are_no_others():
     assert not choose_markers(more, layout=preset_layout('kyutech23')).missing
 
 
+@pytest.mark.parametrize('name', ['dfki13', 'sig18_19', 'kyutech23'])
+@pytest.mark.parametrize('label', ['', '{}', 'leds/{}'])
+def test_a_layout_fits_as_many_points_without_names_as_it_has_markers(name, label):
+    recording = recording_of(name)
+    count = recording.points.shape[1]
+    nameless = recording._replace(
+        labels=tuple(label.format(number) for number in range(100, 100 + count)))
+    # Some markers are hidden now and then, in a quarter of the frames.
+    nameless.points[::8, 3] = nameless.points[4::8, 5] = np.nan
+    best, *_ = likely_layouts(nameless)
+    assert (best.name, best.side, best.is_complete) == (name, 'unknown', False)
+    assert .7 < best.likelihood < .8
+    # Far from each other they are of no hand.
+    apart = nameless._replace(points=nameless.points + np.arange(count)[:, None])
+    assert not likely_layouts(apart)
+
+
 def test_markers_that_are_not_there_are_named():
     recording = recording_of('sig18_19')
     fewer = recording._replace(labels=recording.labels[1:], points=recording.points[:, 1:])

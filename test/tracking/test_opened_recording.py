@@ -388,6 +388,30 @@ def test_inspect_has_numbered_points_labelled_and_a_body_spliced(tmp_path, capsy
     assert 'note: the file is in cm (as the body is 1.7 m long then, more or less' in lines[-3]
 
 
+@pytest.mark.parametrize('name, labels', [
+    ('cloud.npz', ('',) * 9), ('numbers.trc', tuple(map(str, range(9)))), ('ids.mcap', None)])
+def test_inspect_has_as_many_points_as_a_layout_has_markers_labelled_as_these(
+        tmp_path, monkeypatch, capsys, name, labels):
+    monkeypatch.chdir(tmp_path)
+    recording, _ = vicon_recording(labels or ('',) * 9, 60)
+    if labels is None:
+        write_bag(name, marker_messages(recording.points, recorded_times(recording), ('leds',) * 9))
+    else:
+        write_recording(name, recording)
+    assert main(['inspect', name, '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {'name': 'vicon_production5', 'side': 'unknown', 'likelihood': 1.,
+            'is_complete': False} in found['layouts']
+    assert main(['inspect', name]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert not any(line.startswith('first, ') for line in lines)
+    assert ('leave out --labels none' in lines[-2]) == (labels is None)
+    command = lines[-1].removeprefix('next: hand_tracker ').split()
+    assert command[4:] == ['--layout', 'vicon_production5', '--labels', 'none']
+    assert main([*command, '--side', 'left']) == 0
+    assert '60 of 60 frames tracked' in capsys.readouterr().out
+
+
 def test_inspect_has_the_markers_of_a_body_spliced(tmp_path, capsys):
     recording = hand_recording(60)
     there = np.linspace(.5, 1.5, 8)[:, None]
