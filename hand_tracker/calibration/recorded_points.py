@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from ..core.model.hand import SIDES
-from ..core.model.marker_layout import PAPER_PLACES
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.bag_points import marker_names
 from ..files.bvh_file import read_bvh_joints, rest_size
 from ..files.point_recording import PointRecording
@@ -17,20 +17,23 @@ from .hand_axes import is_body, with_recognised_axes
 
 
 def recorded_points(path: str | PathLike[str],
-                    reading: ReadingOptions | None = None) -> PointRecording:
+                    reading: ReadingOptions | None = None,
+                    layout: MarkerLayout | None = None) -> PointRecording:
     """Read a recording as points, with unit and handedness by its hands, or by the body in it.
 
     Parameters
     ----------
     path : path-like
     reading : ReadingOptions, optional
+    layout : MarkerLayout, optional
+        Whose markers have the ids from 0 on in MarkerArrays, beside others.
 
     Returns
     -------
     PointRecording
         Markers of MarkerArrays have the names of their namespaces, where each has one of its own;
-        else those of the paper's places, where all have the ids 0 to 7, or these in the
-        namespaces right and left.
+        else those of the layout; without one those of the paper's places, where all have the ids
+        0 to 7. The ids may be in the namespaces right and left.
 
     Raises
     ------
@@ -40,22 +43,41 @@ def recorded_points(path: str | PathLike[str],
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = recording.labels
         recording = recording._replace(
-            labels=marker_names(labels) or _paper_places(labels) or labels)
+            labels=marker_names(labels) or _names_by_id(labels, layout) or labels)
     size = None
     if recording.format == BVH.name and is_body(recording):
         size = rest_size(read_bvh_joints(Path(path)))
     return with_recognised_axes(recording, size)
 
 
-def _paper_places(labels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the places of markers of the ids 0 to 7 of a hand, or of both; empty for others."""
-    of_both = label_maps(default_labels(PAPER_PLACES), {side: f'{side}/0' for side in SIDES})
-    for hands in ({f'{side}_': by_id for side, by_id in of_both.items()}, {'': LabelMap()}):
-        named = []
+def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None) -> tuple[str, ...]:
+    """Return the names of a layout's markers for their ids, of a hand or of both.
+
+    Parameters
+    ----------
+    labels : tuple of str
+        As 'namespace/id'.
+    layout : MarkerLayout or None
+        The paper's eight, if there are no others, where None.
+
+    Returns
+    -------
+    tuple of str
+        Empty where the ids do not say which is which.
+    """
+    layout_or_paper = layout or MarkerLayout()
+    # The paper's are named by their places, which say more.
+    names = (layout_or_paper.places if layout_or_paper.names == MARKERS
+             else layout_or_paper.names)
+    of_both = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
+    for hands in ({f'{side}_': by_id for side, by_id in of_both.items()},
+                  {'': LabelMap(default_labels(names), names)}):
+        named: list[list[str]] = []
         for label in labels:
             space, _, number = label.rpartition('/')
-            named += [prefix + PAPER_PLACES[slot] for prefix, by_id in hands.items()
-                      if (slot := by_id.slot(space, int(number))) is not None]
-        if len(named) == len(set(named)) == len(labels):
-            return tuple(named)
+            named.append([prefix + names[slot] for prefix, by_id in hands.items()
+                          if (slot := by_id.slot(space, int(number))) is not None])
+        found = tuple(one[0] if one else label for one, label in zip(named, labels))
+        if len(found) == len(set(found)) and (any(named) if layout else all(named)):
+            return found
     return ()

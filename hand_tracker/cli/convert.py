@@ -24,6 +24,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     from ..calibration.hand_labels import labels_as_markers
     from ..calibration.recorded_points import recorded_points
     from ..files.bags import STORAGE
+    from ..files.hand_file import choose_hand
     from ..files.point_recording import RecordingError
     from ..files.recordings import FORMATS, NPZ, WRITTEN_SUFFIXES, write_recording
     from .track_recordings import refuse_to_replace, track_file
@@ -42,7 +43,10 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
             output.suffix in (*WRITTEN_SUFFIXES, *SKELETON_KINDS)):
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
-    recording = recorded_points(options.recording, reading_options(options))
+    layout = None
+    if options.hand or options.layout:
+        _, layout = choose_hand(options.hand, options.side, layout=options.layout)
+    recording = recorded_points(options.recording, reading_options(options), layout)
     notes = list(recording.notes)
     if output.suffix not in STORAGE and recording.left_out:
         notes.append(f'{recording.left_out} frames between the others were left out, as the times '

@@ -325,8 +325,8 @@ def write_bag_points(path: Path, recording: PointRecording) -> None:
 
 def _recorded_head(label: str) -> tuple[str, int] | None:
     """Return the namespace and id of a label of `read_bag_points`, or of both hands' markers."""
-    space, _, number = label.rpartition('/')
-    if number.lstrip('-').isdecimal():
+    space, separator, number = label.rpartition('/')
+    if separator and number.lstrip('-').isdecimal():
         return space, int(number)
     side, _, place = label.partition('_')
     return (side, PAPER_PLACES.index(place)) if side in SIDES and place in PAPER_PLACES else None

@@ -240,6 +240,27 @@ def test_convert_writes_what_is_read_again(tracked, tmp_path, output):
         assert len(angles(tmp_path / 'angles.csv')) == 240
 
 
+@pytest.mark.parametrize('layout', ['tips5_palm3', 'optitrack_hand', 'sig18_19', 'kyutech23'])
+def test_markers_by_id_have_the_names_of_their_layout_in_other_formats(
+        tmp_path, monkeypatch, layout):
+    monkeypatch.chdir(tmp_path)
+    hand, worn = Hand.scaled(), preset_layout(layout)
+    angles_of_frames, *pose = demo_motion(hand).sample(np.arange(20) / 40.)
+    points = marker_positions(worn.mounting(hand), forward(
+        joint_table(hand), angles_of_frames, *pose), *pose).astype(np.float32)
+    # Another marker beside those of the hand.
+    points = np.concatenate((points, points[:, :1] + np.float32(.3)), axis=1)
+    times = [10**9 + 25_000_000 * number for number in range(20)]
+    write_bag('take.mcap', marker_messages(points, times, ('hand',) * points.shape[1]))
+    how = ['--layout', layout, '--side', 'right', '--no-auto-size']
+    assert main(['track', 'take.mcap', '-o', 'take.csv', *how]) == 0
+    for name in ('out.npz', 'out.csv', 'out.trc', 'out.c3d', 'out.mcap', 'out.db3'):
+        assert main(['convert', 'take.mcap', name, '--layout', layout]) == 0
+        assert main(['track', name, '-o', 'angles.csv', *how]) == 0
+        np.testing.assert_allclose(angles('angles.csv')[:, 1:], angles('take.csv')[:, 1:],
+                                   atol=.05)
+
+
 def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
     assert main(['convert', str(tracked / 'take.c3d'), str(tmp_path / 'out.fbx')]) == 1
     assert "unknown extension '.fbx'; expected .c3d, .csv, .npz" in capsys.readouterr().err
