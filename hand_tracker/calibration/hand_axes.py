@@ -11,6 +11,7 @@ import numpy as np
 from ..core.model.hand import FINGERS
 from ..core.numerics.vectors import unit_vectors
 from ..files.point_recording import UNIT_SPELLINGS, Axes, PointRecording, conversion_note
+from .cloud_size import cloud_scale
 from .hand_labels import PALM_WORDS, hand_labels
 
 # [m] of grown-up hands: index to little knuckle, and wrist to knuckles.
@@ -20,6 +21,8 @@ PALM_LENGTH = .088
 CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
 BODY_SIZE = 1.7            # [m] of a grown-up, from head to feet or from hand to hand
 SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
+CLOUD_UNITS = ('m', 'cm', 'mm', 'in')    # of points that may be of no hand
+LIKELIER_UNITS = (*SIZE_UNITS, 'in')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
 LEAST_DOUBT = .02          # of a side that every frame shows
@@ -191,6 +194,10 @@ def with_recognised_axes(recording: PointRecording,
             axes = axes._replace(units=unit)
         notes = (*(note for note in notes if note != assumed),
                  conversion_note(axes, recording.said, reason))
+    elif scale is None and (unit := likelier_unit(recording)):
+        times = float(f'{cloud_scale(recording):.2g}')
+        notes += (f'the points are {times:g} times as far apart as the markers of a hand: is the '
+                  f'file in {unit}, not in {axes.units}? (--units {unit})',)
     elif scale is not None and (unit := _likelier_unit(axes, scale)):
         times = float(f'{scale:.2g}')
         what = 'body' if body_size else 'hand'
@@ -214,19 +221,31 @@ def with_recognised_axes(recording: PointRecording,
 
 
 def likelier_unit(recording: PointRecording) -> str:
-    """Return the unit in which the first hand would have a hand's size, empty where it has one."""
-    scale = _first_scale(recording)
-    return '' if scale is None else _likelier_unit(recording.axes, scale)
+    """Return the unit in which the first hand would have a hand's size, empty where it has one.
+
+    Points without names are taken for those of a hand.
+    """
+    if scale := _first_scale(recording):
+        return _likelier_unit(recording.axes, scale)
+    if not (scale := cloud_scale(recording)):
+        return ''
+    unit = _likelier_unit(recording.axes, scale, CLOUD_UNITS)
+    # Else the points may be of no hand.
+    return unit if unit and _is_of_size(scale, recording.axes, unit) else ''
 
 
-def _likelier_unit(axes: Axes, scale: float) -> str:
-    unit = _unit_of(axes, scale)
-    return '' if 1. / WRONG_SIZE < scale < WRONG_SIZE or unit == axes.units else unit
+def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = LIKELIER_UNITS) -> str:
+    unit = _unit_of(axes, scale, units)
+    return '' if _is_of_size(scale, axes, axes.units or 'm') or unit == axes.units else unit
 
 
-def _unit_of(axes: Axes, scale: float) -> str:
-    return min(SIZE_UNITS, key=lambda name: abs(np.log(
-        scale * UNIT_SPELLINGS[name][0] / axes.scale)))
+def _is_of_size(scale: float, axes: Axes, unit: str) -> bool:
+    """Return whether a hand has the size of hands, read in a unit."""
+    return 1. / WRONG_SIZE < scale * UNIT_SPELLINGS[unit][0] / axes.scale < WRONG_SIZE
+
+
+def _unit_of(axes: Axes, scale: float, units: Sequence[str] = SIZE_UNITS) -> str:
+    return min(units, key=lambda name: abs(np.log(scale * UNIT_SPELLINGS[name][0] / axes.scale)))
 
 
 def _larger_hands(recording: PointRecording) -> list[HandPoints]:

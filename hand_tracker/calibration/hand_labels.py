@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..core.model.hand import DIGITS
@@ -67,6 +67,11 @@ def hand_labels(labels: Sequence[str], is_skeleton: bool = False) -> list[HandLa
     thumb = THUMB_OF_THREE if any('thumb' in words and {'intermediate', 'medial'} & set(words)
                                   for _, words in split) else THUMB_BONES
     return [_named(side, words, thumb, is_skeleton) for side, words in split]
+
+
+def are_nameless(labels: Iterable[str]) -> bool:
+    """Return whether labels name nothing: there are none, or numbers, as ids of MarkerArrays."""
+    return all(not label or label.rpartition('/')[2].isdecimal() for label in labels)
 
 
 def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:

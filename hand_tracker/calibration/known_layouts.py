@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from ..core.model.hand import SIDES
 from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
 from ..core.model.marker_layout import PAPER_PLACES
-from ..files.point_recording import PointRecording
-from .hand_axes import HandPoints, hands_of, side_likelihood
+from ..files.point_recording import UNIT_SPELLINGS, PointRecording
+from .cloud_size import nameless_columns
+from .hand_axes import HandPoints, hands_of, likelier_unit, side_likelihood
 from .layout_labels import labelled_layout, point_names
 
 LEAST_LIKELIHOOD = .2      # of layouts that are listed
@@ -144,20 +145,13 @@ def _matches(recording: PointRecording, hands: Mapping[str, Mapping[str, int]]
         yield from ((preset, match) for match in matches.values())
 
 
-def are_nameless(labels: Iterable[str]) -> bool:
-    """Return whether labels name nothing: there are none, or numbers, as ids of MarkerArrays."""
-    return all(not label or label.rpartition('/')[2].isdecimal() for label in labels)
-
-
 def _by_number(recording: PointRecording) -> list[LikelyLayout]:
     """Return the layouts of as many markers as there are points, none of which has a name.
 
     Of points without labels, eight or more within a hand's size are one of their own.
     """
-    unnamed = [i for i, label in enumerate(recording.labels) if not label]
-    nameless = unnamed or list(range(len(recording.labels)) if are_nameless(recording.labels)
-                               else ())
-    points = recording.points[::max(len(recording.points) // 200, 1)][:, nameless]
+    points = recording.points[::max(len(recording.points) // 200, 1)][
+        :, nameless_columns(recording)]
     if points.size == 0:
         return []
     counts = np.isfinite(points).all(axis=2).sum(axis=1)
@@ -165,12 +159,15 @@ def _by_number(recording: PointRecording) -> list[LikelyLayout]:
     if not len(full):
         return []
     span = np.nanmax(full, axis=1) - np.nanmin(full, axis=1)
-    near = float(np.mean(np.linalg.norm(span, axis=1) < HAND_SPAN))
+    # As large as a hand in the unit that is the likelier one.
+    unit = likelier_unit(recording)
+    most = HAND_SPAN * recording.axes.scale / UNIT_SPELLINGS[unit][0] if unit else HAND_SPAN
+    near = float(np.mean(np.linalg.norm(span, axis=1) < most))
     sizes = {preset: len(preset_layout(preset).names) for preset in LAYOUT_PRESETS}
     likelihoods = {preset: near * float(np.mean(counts == size)) / [*sizes.values()].count(size)
                    for preset, size in sizes.items()}
     found = {name: one for name, one in likelihoods.items() if one >= LEAST_LIKELIHOOD}
-    if unnamed:
+    if not all(recording.labels):
         usual = float(np.mean(counts == len(PAPER_PLACES)))
         found = {UNNAMED_LAYOUT: near * max(usual, .1), **found}
     return [LikelyLayout(name, 'unknown', round(one, 3)) for name, one in found.items()

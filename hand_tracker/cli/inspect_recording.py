@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..calibration.hand_axes import is_body, likelier_unit
+from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import (
     UNNAMED_LAYOUT,
     LikelyLayout,
-    are_nameless,
     first_complete,
     has_both,
 )
@@ -26,7 +26,7 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..files.bags import BAG_CONTENTS
-from ..files.point_recording import PointRecording
+from ..files.point_recording import UNIT_SPELLINGS, PointRecording
 from ..files.recordings import BVH, C3D, FILE_SUFFIXES
 from ..files.written_kinds import BAG_SUFFIXES
 from ..messages.labels import WITHOUT_LABELS
@@ -94,11 +94,9 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     str
     """
     words = ['hand_tracker', 'track', str(path), '-o', _output(path, '_angles.csv')]
-    for name in ('units', 'up', 'handed', 'frame_rate', 'subject'):
+    for name in ('up', 'handed', 'frame_rate', 'subject'):
         if getattr(options, name):
             words.append(f'--{name.replace("_", "-")}={getattr(options, name)}')
-    if not options.units and (unit := likelier_unit(recording)):
-        words.append(f'--units={unit}')
     words += ['--keep-zeros'] * options.keep_zeros + ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
     given = chosen_labels(options.markers)
@@ -106,6 +104,8 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     layout = preset_layout(likeliest.name) if likeliest is not None else None
     has_ids = is_marker_bag(path, MarkerChoice(
         reading_options(options), names=given, layout=layout))
+    if unit := options.units or likelier_unit(recording):
+        words.append(f'--unit-scale={UNIT_SPELLINGS[unit][0]:g}' if has_ids else f'--units={unit}')
     # Where nothing has a name, as many points as a layout has markers may be these.
     other = next((one.name for one in layouts if one.name != UNNAMED_LAYOUT), PAPER_LAYOUT)
     without_labels = [*['--layout', other] * (

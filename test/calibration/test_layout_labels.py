@@ -83,7 +83,7 @@ def test_a_layout_fits_as_many_points_without_names_as_it_has_markers(name, labe
     assert (best.name, best.side, best.is_complete) == (name, 'unknown', False)
     assert .7 < best.likelihood < .8
     # Far from each other they are of no hand.
-    apart = nameless._replace(points=nameless.points + np.arange(count)[:, None])
+    apart = nameless._replace(points=nameless.points + .05 * np.arange(count)[:, None])
     assert not likely_layouts(apart)
 
 

@@ -497,6 +497,44 @@ def test_inspect_names_the_likelier_unit_in_its_command(tmp_path, capsys):
     assert ' --units=mm ' in capsys.readouterr().out.splitlines()[-1]
 
 
+@pytest.mark.parametrize('unit, size', [('mm', 1000.), ('cm', 100.), ('in', 1. / .0254)])
+@pytest.mark.parametrize('layout', ['paper8', 'sig18_19'])
+def test_the_unit_of_points_without_labels_is_named(tmp_path, monkeypatch, capsys, unit, size,
+                                                    layout):
+    monkeypatch.chdir(tmp_path)
+    hand, worn = Hand.scaled(side='left'), preset_layout(layout)
+    angles_of_frames, *pose = demo_motion(hand).sample(np.arange(60) / 30.)
+    points = marker_positions(worn.mounting(hand), forward(
+        joint_table(hand), angles_of_frames, *pose), *pose)
+    recording = hand_recording(60)._replace(
+        labels=('',) * points.shape[1], points=(size * points).astype(np.float32))
+    write_recording(tmp_path / 'take.npz', recording)
+    note = f'as the markers of a hand: is the file in {unit}, not in m? (--units {unit})'
+    assert main(['inspect', 'take.npz']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert note in lines[2] and f' --units={unit} ' in lines[-1]
+    assert any(line.startswith(f'layout {layout}, unknown hand') for line in lines)
+    assert main(['track', 'take.npz', '-o', 'angles.csv', '--side', 'left']) == 1
+    # Before anything is searched.
+    assert note in capsys.readouterr().err.splitlines()[0]
+    # Nothing is said of points in the file's unit, nor of those of no hand.
+    for others in (points, 1.5 * np.random.default_rng(1).uniform(size=points.shape)):
+        write_recording(tmp_path / 'take.npz', recording._replace(points=others.astype(np.float32)))
+        assert main(['inspect', 'take.npz']) == 0
+        assert 'is the file in' not in capsys.readouterr().out
+
+
+def test_the_unit_of_markers_with_ids_is_given_as_their_scale(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = hand_recording(240)
+    write_bag('take.mcap', marker_messages(
+        1000. * recording.points, recorded_times(recording), ('hand',) * 8))
+    assert main(['inspect', 'take.mcap']) == 0
+    command = capsys.readouterr().out.splitlines()[-1].removeprefix('next: hand_tracker ').split()
+    assert '--unit-scale=0.001' in command and main(command) == 0
+    assert '240 of 240 frames tracked' in capsys.readouterr().out
+
+
 def test_frames_that_were_left_out_are_missing_in_other_formats(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     whole = hand_recording(360)
