@@ -165,7 +165,7 @@ class PointLabelReader:
             return
         if self._searched_since is None or time < self._searched_since:
             self._searched_since = time
-        if self._asked or time - self._searched_since < SEARCHED_LONG:
+        if self._asked or not (other_side or time - self._searched_since >= SEARCHED_LONG):
             return
         self._asked, self._was_found = True, False
         other = OTHER_SIDE[self._side]

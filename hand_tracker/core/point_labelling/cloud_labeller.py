@@ -39,6 +39,18 @@ LONGEST_PAUSE = .25          # [s] after which nothing is followed
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # By which the mirrored hand must not fit better than one just found, and a followed one; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
+# A posture says little of the side: how much one adds at most, how far the sum may be in favour of
+# the mirrored hand, and how much of it is remembered [variances]; ours.
+SIDE_GAIN, SIDE_MARGIN = 20., 40.
+SIDE_MEMORY = 200.
+SIDE_PERIOD = .25           # [s] between two checks of the side
+ANOTHER_POSTURE = .010      # [m] by which digits' markers move to another posture; ours
+MOST_CHECKED = 12           # markers of a hand whose side is checked while it is followed; ours
+CLEAR_SHARE = .85           # of a hand's markers that are seen where a posture tells its side; ours
+# By which two hands found together must cost less than those found one by one; from how far apart
+# they are not mistaken for each other [m]; ours.
+TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
+FOREIGN_COST = 12.          # of a point that only the hand of the other side has; ours
 UNTIMED_STEP = 1. / 120.     # [s]
 
 
@@ -69,7 +81,7 @@ class CloudLabels(NamedTuple):
     found : tuple of bool
         Whether each hand is followed.
     other_side : tuple of bool
-        Whether each was taken for a hand of the other side when it was last found or checked.
+        Whether the points are rather those of a hand of the other side.
     """
 
     rows: tuple[np.ndarray, ...]
@@ -106,6 +118,10 @@ class _Hand:
         self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
         self.is_other_side = False
+        self.side_lead = 0.     # by which the mirrored hand costs less, over the last postures
+        # [s] since the side was last checked, and since a posture was last counted for it
+        self.unchecked_for = self.uncounted_for = SIDE_PERIOD
+        self.posture = np.full((self.count, 3), np.inf)     # that was counted last
         self.by_pairs = False   # whether the search is by pairs of palm markers, not by three
         self.lose()
 
@@ -114,6 +130,21 @@ class _Hand:
         self.track: HandTrack | None = None
         self.confirmed = False
         self.searched = self.first = 0
+
+    def note_side(self, lead: float) -> None:
+        """Count a posture for a side, if it is another than the last, by what `_mirrored_lead` is.
+
+        At most one is counted in `SIDE_PERIOD`.
+        """
+        assert self.track is not None
+        posture = self.track.local
+        if (self.uncounted_for < SIDE_PERIOD or np.sqrt(
+                np.sum((posture - self.posture) ** 2) / self.count) < ANOTHER_POSTURE):
+            return
+        self.uncounted_for, self.posture = 0., posture.copy()
+        lead = min(max(lead, -SIDE_GAIN), SIDE_GAIN)
+        self.side_lead = min(max(self.side_lead + lead, -SIDE_MEMORY), SIDE_MEMORY)
+        self.is_other_side = self.side_lead > (0. if self.is_other_side else SIDE_MARGIN)
 
 
 def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
@@ -163,6 +194,7 @@ class CloudLabeller:
         self._clutter = no_clutter(count)
         self._last = no_points()
         self._last_step = UNTIMED_STEP
+        self._unreviewed_for = np.inf   # [s] since hands were last searched together
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -175,6 +207,7 @@ class CloudLabeller:
         self._time = None
         for hand in self._hands:
             hand.lose()
+            hand.is_other_side, hand.side_lead = False, 0.
 
     def update(self, points: ArrayLike, time: float | None = None,
                ids: ArrayLike | None = None) -> CloudLabels:
@@ -209,8 +242,13 @@ class CloudLabeller:
             cloud, names = cloud[kept], names[kept]
         frame = new_cloud(cloud, names)
         step = self._step(time)
+        self._unreviewed_for += step
+        for hand in self._hands:
+            hand.unchecked_for += step
+            hand.uncounted_for += step
         self._follow(frame, step)
         self._search(frame)
+        self._review_together(frame)
         self._last, self._last_step = frame, step
         rows = tuple(hand.track.finding.rows.copy() if hand.track is not None and hand.confirmed
                      else np.full(hand.count, -1) for hand in self._hands)
@@ -252,22 +290,28 @@ class CloudLabeller:
             self._follow_cloud[which] = for_types_of(which[0], arguments)
         self._follow_cloud[which](*arguments)
         for hand, track, is_lost in zip(hands, tracks, lost.tolist()):
-            if is_lost or self._is_of_other_side(hand, track, frame.points, step):
+            if is_lost or self._is_of_other_side(hand, track, frame, step):
                 hand.lose()
 
-    def _is_of_other_side(self, hand: _Hand, track: HandTrack, points: np.ndarray,
+    def _is_of_other_side(self, hand: _Hand, track: HandTrack, frame: Cloud,
                           step: float) -> bool:
         """Return whether a followed hand is by its points of the other side.
 
-        That is checked when a cut has been overcome, and where its posture is long unlikely.
+        That is checked now and then, when a cut has been overcome, and where its posture is long
+        unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
-        if not (hand.confirmed and (is_over or track.unlikely_for[0] > self.options.patience)):
+        in_doubt = is_over or track.unlikely_for[0] > self.options.patience
+        # A search with many markers takes longer than a frame, and finds the side at once.
+        is_due = hand.unchecked_for >= SIDE_PERIOD and hand.count <= MOST_CHECKED
+        if not hand.confirmed or not (in_doubt or is_due):
             return False
-        track.unlikely_for[0] = 0.
-        rows = track.finding.rows
-        hand.is_other_side = self._mirrored_lead(
-            hand, points, rows[rows >= 0], False) > FOLLOWED_MIRROR_MARGIN
+        hand.unchecked_for = 0.
+        lead = self._mirrored_lead(hand, frame)
+        if in_doubt:
+            track.unlikely_for[0] = 0.
+            if lead > FOLLOWED_MIRROR_MARGIN:
+                return True
         return hand.is_other_side
 
     def _search(self, frame: Cloud) -> None:
@@ -293,7 +337,7 @@ class CloudLabeller:
         for hand in missing:
             if hand.searched >= len(points):
                 hand.searched = 0
-                self._settle(hand, points)
+                self._settle(hand, frame)
                 # Pairs next, where no three markers of the palm have placed it.
                 hand.by_pairs = not (hand.confirmed or hand.by_pairs)
         for hand in missing:
@@ -301,7 +345,7 @@ class CloudLabeller:
                 rows = hand.track.finding.rows
                 frame.free[rows[rows >= 0]] = False
 
-    def _settle(self, hand: _Hand, points: np.ndarray) -> None:
+    def _settle(self, hand: _Hand, frame: Cloud) -> None:
         """Confirm what a whole search has found, or drop it."""
         if hand.track is None:
             return
@@ -309,11 +353,11 @@ class CloudLabeller:
         rivals = [other for other in self._hands if other is not hand
                   and other.track is not None
                   and np.isin(other.track.finding.rows, finding.rows[finding.rows >= 0]).any()]
-        believable = self._is_believable(hand, points)
+        believable = self._is_believable(hand, frame)
         if not believable or any(
                 other.confirmed or (other.track is not None
                                     and other.track.finding.cost[0] < finding.cost[0]
-                                    and self._is_believable(other, points))
+                                    and self._is_believable(other, frame))
                 for other in rivals):
             hand.lose()
             return
@@ -321,26 +365,71 @@ class CloudLabeller:
         for other in rivals:
             other.lose()
 
-    def _is_believable(self, hand: _Hand, points: np.ndarray) -> bool:
+    def _is_believable(self, hand: _Hand, frame: Cloud) -> bool:
         """Return whether what a search has found is like a hand, and one of its side."""
         assert hand.track is not None
         finding = hand.track.finding
+        if not _is_typical(hand.statistics, finding):
+            return False
         whole = palm_is_seen(hand.statistics, finding.rows)
-        lead = self._mirrored_lead(hand, points, finding.rows[finding.rows >= 0], not whole)
-        hand.is_other_side = lead > MIRROR_MARGIN
+        lead = self._mirrored_lead(hand, frame)
         # Two markers of the palm leave its side to the digits: these must decide it.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
-                and _is_typical(hand.statistics, finding))
+                and not hand.is_other_side)
 
-    def _mirrored_lead(self, hand: _Hand, points: np.ndarray, mine: np.ndarray,
-                       by_pairs: bool) -> float:
-        """Return by how much a found hand's points cost less as a hand of the other side."""
+    def _review_together(self, frame: Cloud) -> None:
+        """Take hands that are found together for those found one by one, where they cost far less.
+
+        Who comes first may have taken points of the other.
+        """
+        if len(self._hands) < 2 or self._unreviewed_for < SIDE_PERIOD:
+            return
+        present = [(hand.track.finding, hand.side_lead) for hand in self._hands
+                   if hand.track is not None and hand.confirmed]
+        places = np.array([finding.position for finding, _ in present])
+        if not present or (len(present) == len(self._hands)
+                           and np.linalg.norm(np.ptp(places, axis=0)) > TOGETHER_GAP):
+            return
+        self._unreviewed_for = 0.
+        points = frame.points
+        found = self._found_together(points, np.ones(len(points), dtype=bool), SEARCH_BUDGET)
+        # The more postures have shown each hand's side, the less is a single one believed.
+        least = sum(finding.cost[0] + min(lead + SIDE_MARGIN, 0.) for finding, lead in present)
+        if found is None or not (
+                sum(min(one.cost[0], 0.) for one in found) < least - TOGETHER_MARGIN):
+            return
+        for hand in self._hands:
+            hand.lose()
+        frame.free[:] = True
+        for hand, one in zip(self._hands, found):
+            if one.cost[0] < np.inf:
+                hand.track, hand.confirmed = begin_track(hand.statistics, one, points), True
+                frame.free[one.rows[one.rows >= 0]] = False
+
+    def _mirrored_lead(self, hand: _Hand, frame: Cloud) -> float:
+        """Return by how much a hand of the other side fits better than the one that was found.
+
+        It may have points that the found one left out, but most of its points must be the same.
+        Where the better of the two is seen nearly whole, that is noted of the hand.
+        """
         assert hand.track is not None
-        own = np.zeros(len(points), dtype=bool)
-        own[mine] = True
-        found = blank_finding(hand.count)
-        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found, by_pairs)
-        return float(hand.track.finding.cost[0] - found.cost[0])
+        finding = hand.track.finding
+        mine = np.zeros(len(frame.points), dtype=bool)
+        mine[finding.rows[finding.rows >= 0]] = True
+        searches = (False,) if palm_is_seen(hand.statistics, finding.rows) else (False, True)
+        lead, better = -np.inf, finding
+        for free in (mine, mine | frame.free):
+            found = blank_finding(hand.count)
+            for by_pairs in searches:
+                _search_points(hand.mirrored, frame.points, free, 0, sys.maxsize, found, by_pairs)
+            own = mine[found.rows[found.rows >= 0]]
+            other = float(finding.cost[0] - found.cost[0]) - FOREIGN_COST * int((~own).sum())
+            if 2 * own.sum() > mine.sum() and other > lead:
+                lead, better = other, found if other > 0. else finding
+        if (palm_is_seen(hand.statistics, better.rows)
+                and (better.rows >= 0).mean() >= CLEAR_SHARE):
+            hand.note_side(lead)
+        return lead
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
         """Label the points of a single frame, without history and in as long as it takes.
@@ -356,31 +445,40 @@ class CloudLabeller:
         """
         all_points = _with_hidden(points)
         cloud = all_points[:-1]
-        best: list[Finding] = []
-        least = np.inf
-        for order in permutations(range(len(self._hands))):
-            free = np.isfinite(cloud).all(axis=1)
-            found = [blank_finding(hand.count) for hand in self._hands]
-            # Pairs where no three markers of the palm have placed it, by the points that are left.
-            for by_pairs in (False, True):
-                for i in order:
-                    if found[i].cost[0] == np.inf:
-                        found[i] = self._found_alone(self._hands[i], cloud, free, by_pairs)
-                        free[found[i].rows[found[i].rows >= 0]] = False
-            total = sum(min(one.cost[0], 0.) for one in found)
-            if total < least:
-                least, best = total, found
+        best = self._found_together(cloud, np.isfinite(cloud).all(axis=1), sys.maxsize)
+        assert best is not None
         return CloudLabels(tuple(one.rows for one in best),
                            tuple(all_points[one.rows] for one in best),
                            tuple(bool(one.cost[0] < np.inf) for one in best),
                            tuple(False for _ in best))
 
-    def _found_alone(self, hand: _Hand, points: np.ndarray, free: np.ndarray,
-                     by_pairs: bool) -> Finding:
-        """Return a hand in a single frame; blank where nothing is like it."""
-        found = blank_finding(hand.count)
-        _search_points(hand.statistics, points, free, 0, sys.maxsize, found, by_pairs)
-        return found if _is_typical(hand.statistics, found) else blank_finding(hand.count)
+    def _found_together(self, points: np.ndarray, free: np.ndarray,
+                        budget: int) -> list[Finding] | None:
+        """Return all hands in a single frame, at the lowest cost of all; None beyond a budget.
+
+        A hand that is not found is blank.
+        """
+        best: list[Finding] = []
+        least = np.inf
+        for order in permutations(range(len(self._hands))):
+            left = free.copy()
+            found = [blank_finding(hand.count) for hand in self._hands]
+            # Pairs where no three markers of the palm have placed it, by the points that are left.
+            for by_pairs in (False, True):
+                for i in order:
+                    if found[i].cost[0] < np.inf:
+                        continue
+                    hand, alone = self._hands[i], blank_finding(self._hands[i].count)
+                    if _search_points(hand.statistics, points, left, 0, budget, alone,
+                                      by_pairs) < len(points):
+                        return None
+                    if _is_typical(hand.statistics, alone):
+                        found[i] = alone
+                        left[alone.rows[alone.rows >= 0]] = False
+            total = sum(min(one.cost[0], 0.) for one in found)
+            if total < least:
+                least, best = total, found
+        return best
 
 
 def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...]], ...]:
