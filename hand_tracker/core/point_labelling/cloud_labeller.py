@@ -31,7 +31,9 @@ from .palm_search import (
     palm_is_seen,
     search_palms,
 )
+from .posture import count_seen
 from .prototypes import HandPrototype, Prototype
+from .side_evidence import SIDE_MARGIN, SideEvidence
 
 FARTHEST_POINT = 1e3         # [m] on each axis; those beyond are left out
 LONGEST_PAUSE = .25          # [s] after which nothing is followed
@@ -39,17 +41,11 @@ LONGEST_PAUSE = .25          # [s] after which nothing is followed
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # By which the mirrored hand must not fit better than one just found, and a followed one; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
-# A posture says little of the side: how much one adds at most, how far the sum may be in favour of
-# the mirrored hand, and how much of it is remembered [variances]; ours.
-SIDE_GAIN, SIDE_MARGIN = 20., 40.
-SIDE_MEMORY = 200.
-SIDE_PERIOD = .25           # [s] between two checks of the side
-ANOTHER_POSTURE = .010      # [m] by which digits' markers move to another posture; ours
 MOST_CHECKED = 12           # markers of a hand whose side is checked while it is followed; ours
-CLEAR_SHARE = .85           # of a hand's markers that are seen where a posture tells its side; ours
 # By which two hands found together must cost less than those found one by one; from how far apart
 # they are not mistaken for each other [m]; ours.
 TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
+REVIEW_PERIOD = .25         # [s] between two such searches; ours
 FOREIGN_COST = 12.          # of a point that only the hand of the other side has; ours
 UNTIMED_STEP = 1. / 120.     # [s]
 
@@ -117,11 +113,7 @@ class _Hand:
         self.statistics: Prototype = prototype.statistics
         self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
-        self.is_other_side = False
-        self.side_lead = 0.     # by which the mirrored hand costs less, over the last postures
-        # [s] since the side was last checked, and since a posture was last counted for it
-        self.unchecked_for = self.uncounted_for = SIDE_PERIOD
-        self.posture = np.full((self.count, 3), np.inf)     # that was counted last
+        self.side = SideEvidence(self.statistics, self.mirrored)
         self.by_pairs = False   # whether the search is by pairs of palm markers, not by three
         self.lose()
 
@@ -130,21 +122,6 @@ class _Hand:
         self.track: HandTrack | None = None
         self.confirmed = False
         self.searched = self.first = 0
-
-    def note_side(self, lead: float) -> None:
-        """Count a posture for a side, if it is another than the last, by what `_mirrored_lead` is.
-
-        At most one is counted in `SIDE_PERIOD`.
-        """
-        assert self.track is not None
-        posture = self.track.local
-        if (self.uncounted_for < SIDE_PERIOD or np.sqrt(
-                np.sum((posture - self.posture) ** 2) / self.count) < ANOTHER_POSTURE):
-            return
-        self.uncounted_for, self.posture = 0., posture.copy()
-        lead = min(max(lead, -SIDE_GAIN), SIDE_GAIN)
-        self.side_lead = min(max(self.side_lead + lead, -SIDE_MEMORY), SIDE_MEMORY)
-        self.is_other_side = self.side_lead > (0. if self.is_other_side else SIDE_MARGIN)
 
 
 def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
@@ -207,7 +184,7 @@ class CloudLabeller:
         self._time = None
         for hand in self._hands:
             hand.lose()
-            hand.is_other_side, hand.side_lead = False, 0.
+            hand.side.forget()
 
     def update(self, points: ArrayLike, time: float | None = None,
                ids: ArrayLike | None = None) -> CloudLabels:
@@ -244,8 +221,7 @@ class CloudLabeller:
         step = self._step(time)
         self._unreviewed_for += step
         for hand in self._hands:
-            hand.unchecked_for += step
-            hand.uncounted_for += step
+            hand.side.elapse(step)
         self._follow(frame, step)
         self._search(frame)
         self._review_together(frame)
@@ -256,7 +232,7 @@ class CloudLabeller:
             rows = tuple(np.where(own >= 0, kept[own], -1) for own in rows)
         return CloudLabels(rows, tuple(all_points[own] for own in rows),
                            tuple(hand.confirmed for hand in self._hands),
-                           tuple(hand.is_other_side for hand in self._hands))
+                           tuple(hand.side.is_other_side for hand in self._hands))
 
     def _step(self, time: float | None) -> float:
         """Return the time since the last frame; lose all where it is no step."""
@@ -303,16 +279,15 @@ class CloudLabeller:
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
         # A search with many markers takes longer than a frame, and finds the side at once.
-        is_due = hand.unchecked_for >= SIDE_PERIOD and hand.count <= MOST_CHECKED
+        is_due = hand.count <= MOST_CHECKED and hand.side.is_due()
         if not hand.confirmed or not (in_doubt or is_due):
             return False
-        hand.unchecked_for = 0.
-        lead = self._mirrored_lead(hand, frame)
+        self._note_side(hand, frame)
         if in_doubt:
             track.unlikely_for[0] = 0.
-            if lead > FOLLOWED_MIRROR_MARGIN:
+            if self._mirrored_lead(hand, frame.points, False)[0] > FOLLOWED_MIRROR_MARGIN:
                 return True
-        return hand.is_other_side
+        return hand.side.is_other_side
 
     def _search(self, frame: Cloud) -> None:
         """Search the hands that are not found, as far as a frame has time for it."""
@@ -372,19 +347,20 @@ class CloudLabeller:
         if not _is_typical(hand.statistics, finding):
             return False
         whole = palm_is_seen(hand.statistics, finding.rows)
-        lead = self._mirrored_lead(hand, frame)
+        self._note_side(hand, frame)
+        lead, _ = self._mirrored_lead(hand, frame.points, not whole)
         # Two markers of the palm leave its side to the digits: these must decide it.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
-                and not hand.is_other_side)
+                and not hand.side.is_other_side)
 
     def _review_together(self, frame: Cloud) -> None:
         """Take hands that are found together for those found one by one, where they cost far less.
 
         Who comes first may have taken points of the other.
         """
-        if len(self._hands) < 2 or self._unreviewed_for < SIDE_PERIOD:
+        if len(self._hands) < 2 or self._unreviewed_for < REVIEW_PERIOD:
             return
-        present = [(hand.track.finding, hand.side_lead) for hand in self._hands
+        present = [(hand.track.finding, hand.side.lead) for hand in self._hands
                    if hand.track is not None and hand.confirmed]
         places = np.array([finding.position for finding, _ in present])
         if not present or (len(present) == len(self._hands)
@@ -406,30 +382,37 @@ class CloudLabeller:
                 hand.track, hand.confirmed = begin_track(hand.statistics, one, points), True
                 frame.free[one.rows[one.rows >= 0]] = False
 
-    def _mirrored_lead(self, hand: _Hand, frame: Cloud) -> float:
-        """Return by how much a hand of the other side fits better than the one that was found.
+    def _note_side(self, hand: _Hand, frame: Cloud) -> None:
+        """Note of a hand whether its points fit one of the other side better.
 
-        It may have points that the found one left out, but most of its points must be the same.
-        Where the better of the two is seen nearly whole, that is noted of the hand.
+        That may have points which this one has left out, but most of its points must be the same.
         """
         assert hand.track is not None
-        finding = hand.track.finding
-        mine = np.zeros(len(frame.points), dtype=bool)
-        mine[finding.rows[finding.rows >= 0]] = True
-        searches = (False,) if palm_is_seen(hand.statistics, finding.rows) else (False, True)
-        lead, better = -np.inf, finding
-        for free in (mine, mine | frame.free):
-            found = blank_finding(hand.count)
-            for by_pairs in searches:
-                _search_points(hand.mirrored, frame.points, free, 0, sys.maxsize, found, by_pairs)
-            own = mine[found.rows[found.rows >= 0]]
-            other = float(finding.cost[0] - found.cost[0]) - FOREIGN_COST * int((~own).sum())
-            if 2 * own.sum() > mine.sum() and other > lead:
-                lead, better = other, found if other > 0. else finding
-        if (palm_is_seen(hand.statistics, better.rows)
-                and (better.rows >= 0).mean() >= CLEAR_SHARE):
-            hand.note_side(lead)
-        return lead
+        rows = hand.track.finding.rows
+        mine = rows[rows >= 0]
+        by_pairs = not palm_is_seen(hand.statistics, rows)
+        lead, found = self._mirrored_lead(hand, frame.points, by_pairs)
+        if frame.free.any():
+            other, whole = self._mirrored_lead(hand, frame.points, by_pairs, frame.free)
+            own = np.isin(whole.rows[whole.rows >= 0], mine).sum()
+            other -= FOREIGN_COST * (count_seen(whole.rows) - own)
+            if 2 * own > len(mine) and other > lead:
+                lead, found = other, whole
+        hand.side.add(lead, hand.track, found, frame.points)
+
+    def _mirrored_lead(self, hand: _Hand, points: np.ndarray, by_pairs: bool,
+                       free: np.ndarray | None = None) -> tuple[float, Finding]:
+        """Return by how much a found hand's points cost less as a hand of the other side, and that.
+
+        It may have points that are `free`, too.
+        """
+        assert hand.track is not None
+        rows = hand.track.finding.rows
+        own = np.zeros(len(points), dtype=bool) if free is None else free.copy()
+        own[rows[rows >= 0]] = True
+        found = blank_finding(hand.count)
+        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found, by_pairs)
+        return float(hand.track.finding.cost[0] - found.cost[0]), found
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
         """Label the points of a single frame, without history and in as long as it takes.

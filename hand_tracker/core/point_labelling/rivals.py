@@ -189,10 +189,11 @@ def _has_point(rows: np.ndarray, row: int) -> bool:
 
 
 @labelling_jit
-def _trust(track: HandTrack, rival: Finding) -> float:
+def _trust(track: HandTrack, rival: Finding, contradicted: float) -> float:
     """Return for how long a followed hand's labels have excluded another labelling [s].
 
-    That is the longest time of all points that it gives to another marker, or to none.
+    That is the longest time of all points that it gives to another marker, or to none; the time
+    for which it has been better since counts against them.
     """
     longest = 0.
     for i in range(len(rival.rows)):
@@ -202,6 +203,7 @@ def _trust(track: HandTrack, rival: Finding) -> float:
         for n in range(len(rival.rows)):
             if rival.rows[n] == row:
                 taker = n
+        track.trusted_for[i, taker] = max(track.trusted_for[i, taker] - contradicted, 0.)
         longest = max(longest, track.trusted_for[i, taker])
     return longest
 
@@ -247,7 +249,8 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
                     track.trusted_for[i] += elapsed
         return
     shaken = track.shaken_for[0] > 0.
-    trust = min(_trust(track, rival) / TRUST_TIME, 1.)
+    contradicted = elapsed if lead > RIVAL_MARGIN else 0.
+    trust = min(_trust(track, rival, contradicted) / TRUST_TIME, 1.)
     margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
     track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
     if not (track.doubt[0] >= margin or (shaken and lead >= margin)):
