@@ -33,7 +33,7 @@ from .palm_search import (
 )
 from .posture import count_seen
 from .prototypes import HandPrototype, Prototype
-from .side_evidence import SIDE_MARGIN, SideEvidence
+from .side_evidence import OTHER_SIDE_LEAD, SideEvidence
 
 FARTHEST_POINT = 1e3         # [m] on each axis; those beyond are left out
 LONGEST_PAUSE = .25          # [s] after which nothing is followed
@@ -370,7 +370,7 @@ class CloudLabeller:
         points = frame.points
         found = self._found_together(points, np.ones(len(points), dtype=bool), SEARCH_BUDGET)
         # The more postures have shown each hand's side, the less is a single one believed.
-        least = sum(finding.cost[0] + min(lead + SIDE_MARGIN, 0.) for finding, lead in present)
+        least = sum(finding.cost[0] + min(lead + OTHER_SIDE_LEAD, 0.) for finding, lead in present)
         if found is None or not (
                 sum(min(one.cost[0], 0.) for one in found) < least - TOGETHER_MARGIN):
             return

@@ -12,7 +12,7 @@ from .prototypes import Prototype
 
 # How much a posture adds at most, how far the sum may be in favour of the mirrored hand, and how
 # much of it is remembered [variances]; ours.
-POSTURE_LEAD, SIDE_MARGIN, SIDE_MEMORY = 20., 30., 200.
+POSTURE_LEAD, OTHER_SIDE_LEAD, SIDE_MEMORY = 20., 30., 200.
 SIDE_PERIOD = .25           # [s] between two postures, and between two checks
 ANOTHER_POSTURE = .010      # [m] by which markers move to another posture; ours
 CLEAR_SHARE = .85           # of a hand's markers that are seen where a posture tells its side; ours
@@ -78,7 +78,7 @@ class SideEvidence:
         self._uncounted_for, self._posture = 0., posture.copy()
         self.lead += min(max(lead, -POSTURE_LEAD), POSTURE_LEAD)
         self.lead = min(max(self.lead, -SIDE_MEMORY), SIDE_MEMORY)
-        self.is_other_side = self.lead > (0. if self.is_other_side else SIDE_MARGIN)
+        self.is_other_side = self.lead > (0. if self.is_other_side else OTHER_SIDE_LEAD)
 
 
 def _tells_side(prototype: Prototype, finding: Finding, points: np.ndarray) -> bool:

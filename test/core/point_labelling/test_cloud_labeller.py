@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.model.hand import FLEXION_JOINTS, SIDES, Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, JOINTS, OTHER_SIDE, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.point_labelling.hand_track import start_places
 from hand_tracker.core.point_labelling.natural_poses import (
     marker_digits,
     model_prototype,
@@ -188,6 +189,44 @@ def test_a_hand_of_the_other_side_is_named_not_labelled():
         named += found.other_side[0]
         assert not found.found[0]
     assert named > 60
+
+
+def test_two_hands_one_above_the_other_have_their_own_markers_at_once():
+    random = np.random.default_rng(4)
+    labeller = CloudLabeller([prototype(side) for side in SIDES])
+    right, left = (moving(60, side) for side in SIDES)
+    for number, frame in enumerate(np.concatenate((right, left + (0., 0., .08)), axis=1)):
+        points, rows = shuffled(frame, random, ghosts=4)
+        found = labeller.update(points, number / RATE)
+        assert np.array_equal(np.concatenate(found.rows), rows), number
+
+
+@pytest.mark.parametrize('side', SIDES)
+def test_a_hand_of_the_other_side_that_begins_flat_is_given_up_as_it_bends(side):
+    hand = Hand.scaled(side=side)
+    flat = marker_positions(MarkerLayout().mounting(hand),
+                            forward(joint_table(hand), np.zeros((30, len(JOINTS)))))
+    labeller = CloudLabeller([prototype(OTHER_SIDE[side])])
+    for number, frame in enumerate(np.concatenate((flat, moving(480, side)))):
+        found = labeller.update(frame, number / RATE)
+        if number > 360:
+            assert not found.found[0] and found.other_side[0], number
+
+
+def test_labels_that_others_have_long_been_better_than_are_exchanged():
+    random = np.random.default_rng(3)
+    labeller = CloudLabeller([prototype()])
+    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
+    for number, frame in enumerate(moving(600)):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE)
+        if not 100 < number < 400:
+            assert np.array_equal(found.rows[0], rows), number
+        if number == 100:
+            track = labeller._hands[0].track
+            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
+            start_places(labeller._hands[0].statistics, points, track)
+            track.trusted_for[:] = .8
 
 
 def test_a_hand_that_is_lost_is_found_again():
