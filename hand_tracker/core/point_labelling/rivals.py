@@ -44,6 +44,7 @@ RIVAL_MARGIN = 6.
 TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
+CONTRADICTING_LEAD = 15.    # of another labelling, from which on trusted ones lose trust; ours
 TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
 PRESSING_FRAMES = 2         # between two searches for a labelling where the present is in doubt
 STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
@@ -249,7 +250,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
                     track.trusted_for[i] += elapsed
         return
     shaken = track.shaken_for[0] > 0.
-    contradicted = elapsed if lead > RIVAL_MARGIN else 0.
+    contradicted = elapsed if lead > CONTRADICTING_LEAD else 0.
     trust = min(_trust(track, rival, contradicted) / TRUST_TIME, 1.)
     margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
     track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
