@@ -12,7 +12,6 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
 
-from lz4.frame import LZ4FrameDecompressor
 from rosbags.rosbag2 import storage_mcap
 
 MCAP_MAGIC = b'\x89MCAP0\r\n'
@@ -23,10 +22,9 @@ FOOTER, CHUNK = 2, 6              # codes
 MCAP_END = RECORD_HEAD.pack(FOOTER, 20) + bytes(20) + MCAP_MAGIC
 MAX_CHUNK_BYTES = 2**28           # when unpacked; usual are 1 to 4 MB
 MAX_CUT_BYTES = 2**25             # that are read of a chunk which is cut itself
-# Of a chunk that is cut; one packed by lz4 block by block, of usually 64 kB.
+# Of a chunk that is cut; one packed by lz4 is left out.
 PARTIAL_UNPACKING: dict[bytes, Callable[[bytes, int], bytes]] = {
     b'': lambda data, size: data[:size],
-    b'lz4': lambda data, size: LZ4FrameDecompressor().decompress(data, size),
     b'zstd': lambda data, size: storage_mcap.zstd.ZstdDecompressor().decompress(data, size)}
 
 

@@ -18,13 +18,15 @@ from hand_tracker.files.bags import (
 NEEDS = 'mcap',
 
 FIRST_MESSAGE_NS = 1_700_000_000_000_000_000
-CHUNK_BYTES = 300_000
+# Those of lz4 are read whole alone.
+CHUNK_BYTES = {CompressionType.LZ4: 50_000, CompressionType.ZSTD: 300_000,
+               CompressionType.NONE: 300_000}
 
 
 def write(path, compression, count):
     """Write messages of two topics; return them."""
     messages, channels = [], {}
-    writer = Writer(str(path), compression=compression, chunk_size=CHUNK_BYTES)
+    writer = Writer(str(path), compression=compression, chunk_size=CHUNK_BYTES[compression])
     writer.start('ros2')
     for frame in range(count):
         time = FIRST_MESSAGE_NS + 8_333_333 * frame
