@@ -41,7 +41,8 @@ LONGEST_PAUSE = .25          # [s] after which nothing is followed
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # By which the mirrored hand must not fit better than one just found, and a followed one; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
-MOST_CHECKED = 12           # markers of a hand whose side is checked while it is followed; ours
+# Markers of a hand whose side is checked while it is followed, and with points of no hand; ours.
+MOST_CHECKED = 12
 # By which two hands found together must cost less than those found one by one; from how far apart
 # they are not mistaken for each other [m]; ours.
 TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
@@ -282,7 +283,8 @@ class CloudLabeller:
         is_due = hand.count <= MOST_CHECKED and hand.side.is_due()
         if not hand.confirmed or not (in_doubt or is_due):
             return False
-        self._note_side(hand, frame)
+        if is_due:
+            self._note_side(hand, frame)
         if in_doubt:
             track.unlikely_for[0] = 0.
             if self._mirrored_lead(hand, frame.points, False)[0] > FOLLOWED_MIRROR_MARGIN:
@@ -346,8 +348,9 @@ class CloudLabeller:
         finding = hand.track.finding
         if not _is_typical(hand.statistics, finding):
             return False
+        if hand.side.is_due():
+            self._note_side(hand, frame)
         whole = palm_is_seen(hand.statistics, finding.rows)
-        self._note_side(hand, frame)
         lead, _ = self._mirrored_lead(hand, frame.points, not whole)
         # Two markers of the palm leave its side to the digits: these must decide it.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
@@ -392,12 +395,12 @@ class CloudLabeller:
         mine = rows[rows >= 0]
         by_pairs = not palm_is_seen(hand.statistics, rows)
         lead, found = self._mirrored_lead(hand, frame.points, by_pairs)
-        if frame.free.any():
-            other, whole = self._mirrored_lead(hand, frame.points, by_pairs, frame.free)
-            own = np.isin(whole.rows[whole.rows >= 0], mine).sum()
-            other -= FOREIGN_COST * (count_seen(whole.rows) - own)
+        if frame.free.any() and hand.count <= MOST_CHECKED:
+            other, wider = self._mirrored_lead(hand, frame.points, by_pairs, frame.free)
+            own = np.isin(wider.rows[wider.rows >= 0], mine).sum()
+            other -= FOREIGN_COST * (count_seen(wider.rows) - own)
             if 2 * own > len(mine) and other > lead:
-                lead, found = other, whole
+                lead, found = other, wider
         hand.side.add(lead, hand.track, found, frame.points)
 
     def _mirrored_lead(self, hand: _Hand, points: np.ndarray, by_pairs: bool,
