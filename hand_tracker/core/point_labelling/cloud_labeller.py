@@ -19,7 +19,7 @@ from ..numerics.jit import for_types_of, load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
 from .clutter import Cloud, continue_clutter, new_cloud, no_clutter, no_points, with_slots
 from .following import follow_cloud
-from .hand_track import HandTrack, begin_track, start_places
+from .hand_track import CLUTTER_RANGE, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
 from .pair_search import label_pairs, search_pairs
 from .palm_search import (
@@ -144,6 +144,11 @@ def _is_typical(prototype: Prototype, finding: Finding) -> bool:
     return bool(finding.distance[0] <= limit * max(prototype.typical, 1.))
 
 
+def _near(points: np.ndarray, finding: Finding) -> np.ndarray:
+    """Return which points, (n, 3) [m], are so near a palm that they may be of its hand, (n,)."""
+    return np.abs(points - finding.position).max(axis=1) < CLUTTER_RANGE
+
+
 class CloudLabeller:
     """Label points that have no names, or names that change.
 
@@ -172,7 +177,7 @@ class CloudLabeller:
         self._clutter = no_clutter(count)
         self._last = no_points()
         self._last_step = UNTIMED_STEP
-        self._unreviewed_for = np.inf   # [s] since hands were last searched together
+        self._unreviewed_for = 0.   # [s] since hands were last searched together
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -284,7 +289,8 @@ class CloudLabeller:
         if not hand.confirmed or not (in_doubt or is_due):
             return False
         if is_due:
-            self._note_side(hand, frame)
+            by_pairs = not palm_is_seen(hand.statistics, track.finding.rows)
+            self._note_side(hand, frame, *self._mirrored_lead(hand, frame.points, by_pairs))
         if in_doubt:
             track.unlikely_for[0] = 0.
             if self._mirrored_lead(hand, frame.points, False)[0] > FOLLOWED_MIRROR_MARGIN:
@@ -330,6 +336,8 @@ class CloudLabeller:
         rivals = [other for other in self._hands if other is not hand
                   and other.track is not None
                   and np.isin(other.track.finding.rows, finding.rows[finding.rows >= 0]).any()]
+        if rivals:
+            self._unreviewed_for = np.inf   # who comes first may take points of the other
         believable = self._is_believable(hand, frame)
         if not believable or any(
                 other.confirmed or (other.track is not None
@@ -348,10 +356,10 @@ class CloudLabeller:
         finding = hand.track.finding
         if not _is_typical(hand.statistics, finding):
             return False
-        if hand.side.is_due():
-            self._note_side(hand, frame)
         whole = palm_is_seen(hand.statistics, finding.rows)
-        lead, _ = self._mirrored_lead(hand, frame.points, not whole)
+        lead, found = self._mirrored_lead(hand, frame.points, not whole)
+        if hand.side.is_due():
+            self._note_side(hand, frame, lead, found)
         # Two markers of the palm leave its side to the digits: these must decide it.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
                 and not hand.side.is_other_side)
@@ -371,7 +379,8 @@ class CloudLabeller:
             return
         self._unreviewed_for = 0.
         points = frame.points
-        found = self._found_together(points, np.ones(len(points), dtype=bool), SEARCH_BUDGET)
+        near = np.any([_near(points, finding) for finding, _ in present], axis=0)
+        found = self._found_together(points, near, SEARCH_BUDGET)
         # The more postures have shown each hand's side, the less is a single one believed.
         least = sum(finding.cost[0] + min(lead + OTHER_SIDE_LEAD, 0.) for finding, lead in present)
         if found is None or not (
@@ -385,18 +394,25 @@ class CloudLabeller:
                 hand.track, hand.confirmed = begin_track(hand.statistics, one, points), True
                 frame.free[one.rows[one.rows >= 0]] = False
 
-    def _note_side(self, hand: _Hand, frame: Cloud) -> None:
+    def _note_side(self, hand: _Hand, frame: Cloud, lead: float, found: Finding) -> None:
         """Note of a hand whether its points fit one of the other side better.
 
-        That may have points which this one has left out, but most of its points must be the same.
+        That may have points near it which this one has left out, but most must be the same.
+
+        Parameters
+        ----------
+        hand : _Hand
+        frame : Cloud
+        lead, found
+            Of `_mirrored_lead`, by its own points.
         """
         assert hand.track is not None
         rows = hand.track.finding.rows
         mine = rows[rows >= 0]
-        by_pairs = not palm_is_seen(hand.statistics, rows)
-        lead, found = self._mirrored_lead(hand, frame.points, by_pairs)
-        if frame.free.any() and hand.count <= MOST_CHECKED:
-            other, wider = self._mirrored_lead(hand, frame.points, by_pairs, frame.free)
+        free = frame.free & _near(frame.points, hand.track.finding)
+        if free.any() and hand.count <= MOST_CHECKED:
+            by_pairs = not palm_is_seen(hand.statistics, rows)
+            other, wider = self._mirrored_lead(hand, frame.points, by_pairs, free)
             own = np.isin(wider.rows[wider.rows >= 0], mine).sum()
             other -= FOREIGN_COST * (count_seen(wider.rows) - own)
             if 2 * own > len(mine) and other > lead:

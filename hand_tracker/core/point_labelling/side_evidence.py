@@ -38,7 +38,7 @@ class SideEvidence:
     def __init__(self, own: Prototype, mirrored: Prototype) -> None:
         self._own, self._mirrored = own, mirrored
         self._posture = np.full(own.template.shape, np.inf)     # that was counted last
-        self._uncounted_for = self._unchecked_for = SIDE_PERIOD     # [s]
+        self._unchecked_for = SIDE_PERIOD   # [s]
         self.forget()
 
     def forget(self) -> None:
@@ -47,11 +47,10 @@ class SideEvidence:
 
     def elapse(self, step: float) -> None:
         """Let a time pass [s]."""
-        self._uncounted_for += step
         self._unchecked_for += step
 
     def is_due(self) -> bool:
-        """Return whether a followed hand is to be checked."""
+        """Return whether a posture may be added: at most one in `SIDE_PERIOD`."""
         return self._unchecked_for >= SIDE_PERIOD
 
     def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray) -> None:
@@ -68,14 +67,16 @@ class SideEvidence:
         points : ndarray, shape (n, 3)
             [m]
         """
+        if not self.is_due():
+            return
         self._unchecked_for = 0.
         posture = track.local
         moved = np.sqrt(np.sum((posture - self._posture) ** 2) / len(posture))
-        if self._uncounted_for < SIDE_PERIOD or moved < ANOTHER_POSTURE or not (
+        if moved < ANOTHER_POSTURE or not (
                 _tells_side(self._mirrored, found, points) if lead > 0.
                 else _tells_side(self._own, track.finding, points)):
             return
-        self._uncounted_for, self._posture = 0., posture.copy()
+        self._posture = posture.copy()
         self.lead += min(max(lead, -POSTURE_LEAD), POSTURE_LEAD)
         self.lead = min(max(self.lead, -SIDE_MEMORY), SIDE_MEMORY)
         self.is_other_side = self.lead > (0. if self.is_other_side else OTHER_SIDE_LEAD)
