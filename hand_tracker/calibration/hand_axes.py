@@ -194,10 +194,10 @@ def with_recognised_axes(recording: PointRecording,
             axes = axes._replace(units=unit)
         notes = (*(note for note in notes if note != assumed),
                  conversion_note(axes, recording.said, reason))
-    elif scale is None and (unit := likelier_unit(recording)):
-        times = float(f'{cloud_scale(recording):.2g}')
-        notes += (f'the points are {times:g} times as far apart as the markers of a hand: is the '
-                  f'file in {unit}, not in {axes.units}? (--units {unit})',)
+    elif scale is None and (spread := cloud_scale(recording)) and (
+            unit := _likelier_unit_of_cloud(axes, spread)):
+        notes += (f'the points are {float(f"{spread:.2g}"):g} times as far apart as the markers of '
+                  f'a hand: is the file in {unit}, not in {axes.units}? (--units {unit})',)
     elif scale is not None and (unit := _likelier_unit(axes, scale)):
         times = float(f'{scale:.2g}')
         what = 'body' if body_size else 'hand'
@@ -227,11 +227,14 @@ def likelier_unit(recording: PointRecording) -> str:
     """
     if scale := _first_scale(recording):
         return _likelier_unit(recording.axes, scale)
-    if not (scale := cloud_scale(recording)):
-        return ''
-    unit = _likelier_unit(recording.axes, scale, CLOUD_UNITS)
+    spread = cloud_scale(recording)
+    return '' if spread is None else _likelier_unit_of_cloud(recording.axes, spread)
+
+
+def _likelier_unit_of_cloud(axes: Axes, scale: float) -> str:
+    unit = _likelier_unit(axes, scale, CLOUD_UNITS)
     # Else the points may be of no hand.
-    return unit if unit and _is_of_size(scale, recording.axes, unit) else ''
+    return unit if unit and _is_of_size(scale, axes, unit) else ''
 
 
 def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = LIKELIER_UNITS) -> str:

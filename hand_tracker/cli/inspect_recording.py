@@ -15,20 +15,13 @@ import numpy as np
 from ..calibration.hand_axes import is_body, likelier_unit
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import (
-    UNNAMED_LAYOUT,
-    LikelyLayout,
-    first_complete,
-    has_both,
-)
+from ..calibration.known_layouts import UNNAMED_LAYOUT, LikelyLayout, first_complete, has_both
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
-from ..files.bags import BAG_CONTENTS
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
-from ..files.recordings import BVH, C3D, FILE_SUFFIXES
-from ..files.written_kinds import BAG_SUFFIXES
+from ..files.recordings import BVH, C3D, is_named_as_recording
 from ..messages.labels import WITHOUT_LABELS
 from ..splicing.spliced_points import is_body_of_markers
 from ..tracking.label_check import label_fault
@@ -163,8 +156,8 @@ def _output(path: Path, end: str) -> str:
 
 def _alike(paths: Iterable[Path], stem: str) -> list[Path]:
     """Return the recordings among paths whose outputs would begin with one name."""
-    return [one for one in paths if one.name.partition('.')[0] == stem
-            and (one.suffix in (*FILE_SUFFIXES, *BAG_SUFFIXES) or (one / BAG_CONTENTS).exists())]
+    return [one for one in paths
+            if one.name.partition('.')[0] == stem and is_named_as_recording(one)]
 
 
 def _calibration_command(command: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from ..core.model.hand import BOTH, SIDES
 from ..files.bags import BAG_CONTENTS, STORAGE, BagError
-from ..files.recordings import FILE_SUFFIXES
+from ..files.recordings import FILE_SUFFIXES, is_named_as_recording
 from ..files.remote_files import Url, exists, local_copy, matching, upload
 from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
 from ..parallel import Interruptions, TaskResult, run_tasks
@@ -124,9 +124,7 @@ def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
         if isinstance(one, Url):
             found += matching(one)
         elif one.is_dir() and not (one / BAG_CONTENTS).exists():
-            inside = [path for path in sorted(one.iterdir())
-                      if path.suffix in (*STORAGE, *FILE_SUFFIXES)
-                      or (path / BAG_CONTENTS).exists()]
+            inside = [path for path in sorted(one.iterdir()) if is_named_as_recording(path)]
             if not inside:
                 raise BagError(f'{one}: no recording in this folder')
             found += inside

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..output_files import write_whole
 from .bag_points import read_bag_points, write_bag_points
-from .bags import STORAGE
+from .bags import BAG_CONTENTS, STORAGE
 from .bvh_file import BVH_START, read_bvh
 from .c3d_file import C3D_KEY, read_c3d, write_c3d
 from .npz_file import NPZ_START, read_npz, write_npz
@@ -140,6 +140,11 @@ def is_bag(path: str | PathLike[str]) -> bool:
     except OSError:
         return path.suffix in STORAGE
     return head.startswith(BAG_STARTS) or path.suffix in STORAGE
+
+
+def is_named_as_recording(path: Path) -> bool:
+    """Return whether a path has a recording's extension, or is the folder of a rosbag2 one."""
+    return path.suffix in (*STORAGE, *FILE_SUFFIXES) or (path / BAG_CONTENTS).exists()
 
 
 def recognised_format(path: str | PathLike[str]) -> FileFormat:
