@@ -15,7 +15,6 @@ except ModuleNotFoundError:
     raise SystemExit('This example needs MuJoCo: pip install mujoco') from None
 
 JOINT_STIFFNESS, JOINT_DAMPING, JOINT_ARMATURE = 3., .02, 1e-4  # [N m/rad, N m s/rad, kg m²]
-
 robot, tracker = load_robot('plain'), HandTracker()
 spec = mujoco.MjSpec.from_file(robot.urdf)
 spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -28,7 +27,6 @@ for name in robot.order:
 model = spec.compile()
 data, retargeter = mujoco.MjData(model), Retargeter(robot.hand, tracker.hand)
 joints = [model.joint(name).qposadr[0] for name in robot.order]
-
 with open_bag(packaged_recording()) as bag:
     frames = track(bag.messages([marker_topic(bag)]), tracker)
     start, misses = next(frames).time, []
@@ -38,6 +36,4 @@ with open_bag(packaged_recording()) as bag:
         while data.time < now:
             mujoco.mj_step(model, data)
         misses.append(np.abs(data.qpos[joints] - data.ctrl).max())
-
-print(f'{len(misses)} frames; joints are {np.degrees(np.median(misses)):.1f} degrees from their '
-      'commands at most, in the median')
+print(f'{len(misses)} frames, worst {np.degrees(np.median(misses)):.1f} degrees off in the median')

@@ -27,7 +27,7 @@ from ..messages.message_kinds import (
     MalformedMessage,
 )
 from ..messages.point_cloud_parser import MOST_MARKERS
-from ..messages.stamps import nanoseconds, stamp_of
+from ..messages.stamps import nanoseconds, seconds, stamp_of
 from ..messages.templates import Template, markers_template
 from .bags import TYPE_STORE, Bag, BagError, BagMessage, open_bag, write_bag
 from .point_recording import (
@@ -188,12 +188,12 @@ def read_bag_points(path: Path, zero_is_missing: bool = True, topic: str | None 
         buffer.append(rows)
     labels, points = buffer.finish()
     times = _times(received, stamps)
-    seconds = np.array([1e-9 * (time - times[0]) for time in times])
-    steps = np.diff(seconds)
+    since_start = np.array([1e-9 * (time - times[0]) for time in times])  # [s]
+    steps = np.diff(since_start)
     rate = float(1. / np.median(steps[steps > 0.])) if (steps > 0.).any() else math.nan
     is_increasing = len(steps) > 0 and bool((steps > 0.).all())
     return PointRecording(
-        path.name, BAG_FORMAT, labels, points, rate, seconds if is_increasing else None, Axes(),
+        path.name, BAG_FORMAT, labels, points, rate, since_start if is_increasing else None, Axes(),
         notes, is_landmarks=kind in LANDMARK_MESSAGES,
         origin=BagOrigin(topic, kind, frame_id, times[0])), Axes('m', 'z')
 
@@ -244,9 +244,11 @@ def _frame_of(reader: MarkerReader, data: bytes, kind: str) -> BagFrame:
     """
     names: list[str] = []
     points: list[np.ndarray] = []
-    stamp, frame_id = None, ''
+    stamp: int | None = None
+    frame_id = ''
     for one in reader.points(data):
-        stamp = nanoseconds(one.stamp) or None if stamp is None else stamp
+        if stamp is None and seconds(one.stamp) is not None:
+            stamp = nanoseconds(one.stamp)
         frame_id = frame_id or one.frame_id
         space = printable(one.ns)
         if kind != MARKER_ARRAY:

@@ -3,18 +3,18 @@
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from math import isfinite
 from os import PathLike
 from statistics import median
 from threading import Lock
 from typing import Any, cast
-
-import numpy as np
 
 from ..core.constraints import DEFAULT_CONSTRAINTS, constrained
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
+from ..core.pose.report import mean_residual
 from ..core.tracker import HandState, HandTracker
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.opened_recording import open_recording
@@ -256,9 +256,9 @@ class ViewerRecording:
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return rate, tracking time and residual as texts, by name."""
-        residuals = state.residuals[np.isfinite(state.residuals)]
+        residual = mean_residual(state.residuals)
         shown = cast(TrackingRun, self._shown)    # of that state
         return {
             'rate': f'{self._rate:.0f} Hz',
             'tracking time': f'{1e6 * median(shown.tracker.durations):.0f} µs',
-            'residual': f'{1e3 * residuals.mean():.2f} mm' if residuals.size else '–'}
+            'residual': f'{1e3 * residual:.2f} mm' if isfinite(residual) else '–'}

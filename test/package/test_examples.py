@@ -34,7 +34,7 @@ def test_each_example_is_short_and_has_a_test():
     assert [path.stem for path in EXAMPLES] == [
         'both_hands', 'fit_hand', 'live_node', 'mujoco_hand', 'track_array', 'track_bag']
     for path in EXAMPLES:
-        assert len(path.read_text(encoding='utf-8').splitlines()) < 45, path
+        assert len(path.read_text(encoding='utf-8').splitlines()) < 40, path
 
 
 def test_track_array(tmp_path):
