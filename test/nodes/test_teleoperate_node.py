@@ -17,7 +17,8 @@ from visualization_msgs.msg import MarkerArray
 from hand_tracker.core.numerics.jit import COMPILED
 
 NEEDS = 'rclpy', 'trajectory_msgs'
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# However late this process looks, no state in between is lost.
+STATE_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FRAME_TIME = .004  # [s]
 
 pytestmark = pytest.mark.ros
@@ -37,7 +38,7 @@ class Rig:
         self.diagnostics = node.collect(DiagnosticArray, '/diagnostics')
         self.states, self.sent = [], set()
         self._subscription = node.create_subscription(
-            String, 'retarget/state', lambda found: self.states.append(found.data), LATCHED)
+            String, 'retarget/state', lambda found: self.states.append(found.data), STATE_QOS)
         self._markers = node.create_publisher(MarkerArray, 'markers', 10)
         self._robot = node.create_publisher(JointState, 'robot/joint_states', 10)
         node.create_timer(FRAME_TIME, self._tick)
@@ -54,11 +55,12 @@ class Rig:
             names = urdf_joints()
             self._robot.publish(JointState(name=names, position=[.05] * len(names)))
 
-    def engage(self):
-        answers = []
-        self.node.repeat(lambda: answers.append(self.node.call(
-            SetBool, 'retarget/engage', SetBool.Request(data=True))), lambda: bool(
-                answers and answers[-1].success), .1)
+    def until_following(self):
+        """Engage the robot until it follows: where a hand is late it is disengaged."""
+        self.node.repeat(
+            lambda: self.states[-1:] == ['disengaged'] and self.node.call(
+                SetBool, 'retarget/engage', SetBool.Request(data=True)),
+            lambda: self.states[-1:] == ['following'])
 
     def value(self, name, key):
         """Return the last value of a key on /diagnostics of the status that has a name in its."""
@@ -80,8 +82,7 @@ def test_frames_are_answered_on_the_fast_path_and_what_ends_ends_it(robot):
         process.wait_for_line('listening for the right hand')
         process.wait_for_line('listening for markers on')
         node.spin_until(lambda: 'disengaged' in rig.states)
-        rig.engage()
-        node.spin_until(lambda: rig.states[-1] == 'following')
+        rig.until_following()
         if COMPILED:
             node.spin_until(lambda: int(rig.value('retarget', 'frames on fast path') or 0) > 20)
         answered = {(one.header.stamp.sec, one.header.stamp.nanosec) for one in rig.commands}
@@ -91,15 +92,13 @@ def test_frames_are_answered_on_the_fast_path_and_what_ends_ends_it(robot):
         node.spin_until(lambda: rig.states[-1] == 'disengaged')
         process.wait_for_line("the robot's joint states ended")
         rig.has_robot = True
-        rig.engage()
-        node.spin_until(lambda: rig.states[-1] == 'following')
+        rig.until_following()
         # The hand dies.
         rig.is_seen = False
         node.spin_until(lambda: rig.states[-1] == 'disengaged')
         assert 'holding' in rig.states
         rig.is_seen = True
-        rig.engage()
-        node.spin_until(lambda: rig.states[-1] == 'following')
+        rig.until_following()
         # A person ends it.
         assert node.call(SetBool, 'retarget/engage', SetBool.Request(data=False)).success
         node.spin_until(lambda: rig.states[-1] == 'disengaged')
