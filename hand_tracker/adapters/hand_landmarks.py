@@ -134,9 +134,10 @@ def _position(pose: Any) -> tuple[float, float, float]:
 
 
 def mark_missing(points: ArrayLike) -> np.ndarray:
-    """Return points with NaN for those at exactly (0, 0, 0); but one alone is its source's origin.
+    """Return points with NaN in place of several at exactly (0, 0, 0); a single one is kept.
 
-    That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
+    A single one is the origin of its source. It is moved by a nanometre, as markers at exactly
+    zero count as lost.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whose hands the demo shows, and whether its options fit them: said before anything starts."""
+"""The demo's hands and recording, with its options checked before anything starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the demo hears of its nodes: the markers, the joint states that answer them, their delay."""
+"""The demo's listener: receives markers and the joint states that answer them, with latency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demo's run: replay and tracker as processes, what was heard of them, pictures and a table."""
+"""The demo's run: starts replay and tracker, receives their messages, draws what came."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ BAG_METADATA_VERSION = 8
 STORAGE = dict(zip(BAG_SUFFIXES, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)))
 BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
 EXPECTED = f'expected a rosbag2 folder with {BAG_CONTENTS}, a .mcap file or a .db3 file'
-LONGEST_REASON = 300       # [characters] of an error of rosbags that is told
+LONGEST_REASON = 300       # [characters] of an error of rosbags that are shown
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
 for known_type, text in DEFINITIONS.items():

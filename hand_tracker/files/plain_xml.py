@@ -12,7 +12,7 @@ MAX_XML_DEPTH = 100        # of elements in elements
 
 
 class NotPlainXml(HandTrackerError, ValueError):
-    """A text is no XML, or has what a plain one has not."""
+    """A text is no XML, has a document type or entities, or is nested too deeply."""
 
 
 def parse_plain_xml(text: str) -> Element:

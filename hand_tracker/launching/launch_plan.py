@@ -1,4 +1,4 @@
-"""What a launch starts, by its arguments and its parameter file; what contradicts is refused."""
+"""Plan of a launch by its arguments and its parameter file; contradictions are refused."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -372,7 +372,7 @@ def names_launch_file(words: Sequence[str], file: Path) -> bool:
 
 
 def refuse_unknown_arguments(words: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse arguments of a command line that there are none of: launch drops them.
+    """Refuse unknown arguments of a command line, which launch drops without a word.
 
     Parameters
     ----------

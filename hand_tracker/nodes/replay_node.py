@@ -179,7 +179,7 @@ class ReplayNode(Node):
 
     @contextmanager
     def _recording(self) -> Iterator[Bag]:
-        """Open the recording that the parameters name; its faults are told in their words."""
+        """Open the recording; its faults name the node's parameters in place of options."""
         options = self._options
         # ROS reads y as a yes.
         up = 'y' if options.up is True else str(options.up)

@@ -394,7 +394,7 @@ class RetargetNode(SubscriptionHidingNode):
 
 
 def _robot_and_person(values: Mapping[str, Any]) -> tuple[LoadedRobot, Hand]:
-    """Return the robot and the person's hand, each of the other's side where its own is open."""
+    """Return the robot and the person's hand; one whose side is not given takes the other's."""
     person = with_defaults(values)
     follows_robot = values['side'] == AUTO and not values['hand_file']
     preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
@@ -423,7 +423,7 @@ def _wrist_message(name: str, header: Header, sent: WristCommand) -> PoseStamped
 
 
 def _read_object(message: JointState) -> JointPositions:
-    """Return what is read of a message."""
+    """Return the fields of a JointState object as `JointStateReader` reads them from bytes."""
     return JointPositions(
         Stamp(message.header.stamp.sec, message.header.stamp.nanosec), message.name,
         message.position, message.effort)

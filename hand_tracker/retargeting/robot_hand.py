@@ -12,7 +12,7 @@ from .robot_urdf import UrdfTree
 
 TIP_RADIUS_SHARE = .09             # [1] of a digit's length, where no radius is known
 TIP_RADIUS_RANGE = (.001, .05)     # [m]
-TOLD_RADIUS = 1e-4                 # [m] of a gripper's pads from which it is told
+NOTED_PAD_RADIUS = 1e-4            # [m] of a gripper's pads, from which its guess is noted
 
 
 class TipSphere(NamedTuple):
@@ -192,7 +192,7 @@ def tip_spheres(model: RobotModel, anatomy: RobotAnatomy, known: dict[str, float
                 digit.bones[-1].joint == digit.joints[-1]):
             centre = digit.tip - radius * digit.bones[-1].direction
         spheres[role] = TipSphere(centre, radius)
-    if not guessed or (anatomy.is_gripper and guess < TOLD_RADIUS):
+    if not guessed or (anatomy.is_gripper and guess < NOTED_PAD_RADIUS):
         return spheres, ()
     return spheres, (f'radius at the tip of {", ".join(guessed)}: {1e3 * guess:.1f} mm, {how}',)
 

@@ -108,7 +108,7 @@ class Monitor:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the markers are of another hand, or another set: a pose would be no truth."""
+        """Whether the markers are not the tracked hand's, so that no pose is published."""
         return self._input.is_wrong
 
     def judge(self, received: float, frame: TrackedFrame | MarkerFrame) -> TrackedFrame | None:
