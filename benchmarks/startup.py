@@ -52,7 +52,7 @@ def wait_for_kernels(cache):
     """Wait until the compiling process has filled the cache; return how long that took [s]."""
     began = time.perf_counter()
     sets = FastPath.KERNEL_SET, TRACKING_SET, LABELLING_SET
-    while not all(any((cache / 'kernels').glob(f'ready-{name}-*')) for name in sets):
+    while not all(any((cache / 'kernels').rglob(f'ready-{name}-*')) for name in sets):
         if time.perf_counter() - began > COMPILING_LIMIT:
             raise SystemExit('the kernels were not compiled')
         time.sleep(.1)

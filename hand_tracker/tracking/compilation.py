@@ -90,7 +90,7 @@ def _temporary_folder() -> Path:
     """Return a cache folder for this process alone, removed at its end."""
     folder = Path(tempfile.mkdtemp(prefix='hand_tracker-kernels-'))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
+    return folder / jit.CACHE_NAME
 
 
 def _wait(child: subprocess.Popen[bytes], ready: Path) -> bool:

@@ -61,7 +61,7 @@ def run(program, cache, *arguments):
 def unfinished_cache(folder):
     """Return a cache folder with the kernels of this process, and no word that they are whole."""
     if jit.CACHE_FOLDER is not None:
-        shutil.copytree(jit.CACHE_FOLDER, folder / 'cache',
+        shutil.copytree(jit.CACHE_FOLDER, folder / 'cache' / jit.CACHE_NAME,
                         ignore=shutil.ignore_patterns('ready-*', 'lock-*'))
     return folder / 'cache'
 
@@ -197,6 +197,13 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
     assert 'track_frame is not on disk' in compilation.error and not compilation.loaded
 
 
+def own_cache(folder):
+    """Return a cache folder for the kernels of these sources alone."""
+    cache = folder / jit.CACHE_NAME
+    cache.mkdir()
+    return cache
+
+
 # Waits for a set of kernels that `mark` has on disk at once.
 LINKED = """
 import sys, time
@@ -271,21 +278,22 @@ def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
 @pytest.mark.skipif(os.name != 'posix' or os.nice(0) > 0, reason='all runs at low priority')
 def test_nobody_waits_for_a_compilation_of_low_priority(tmp_path):
     fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
-    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+    cache = own_cache(tmp_path)
+    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache),
                    'PYTHONPATH': str(REPOSITORY)}
     program = ('from hand_tracker.tracking.compile_kernels import complete_set\n'
                'complete_set("one", lambda: print("compiles", flush=True))')
-    with open(tmp_path / 'lock-one-background', 'w') as lock:
+    with open(cache / 'lock-one-background', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
                               stdout=subprocess.PIPE, timeout=PATIENCE, check=True)
     assert done.stdout == 'compiles\n'
-    with open(tmp_path / 'lock-two', 'w') as lock:
+    with open(cache / 'lock-two', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         waiting = subprocess.Popen([sys.executable, '-c', program.replace('one', 'two')],
                                    env=environment, text=True, stdout=subprocess.PIPE,
                                    preexec_fn=lambda: os.nice(10))
-        wait_for((tmp_path / 'lock-two-background').exists)
+        wait_for((cache / 'lock-two-background').exists)
         assert waiting.poll() is None
     assert waiting.communicate(timeout=PATIENCE)[0] == 'compiles\n'
 
@@ -306,26 +314,28 @@ STARTER = f'import subprocess, sys; subprocess.Popen([sys.executable, "-c", {WAI
 @needs_numba
 def test_who_waits_to_compile_ends_with_its_starter(tmp_path):
     fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
-    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+    cache = own_cache(tmp_path)
+    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache),
                    'PYTHONPATH': str(REPOSITORY)}
-    with open(tmp_path / 'lock-one', 'w') as lock:
+    with open(cache / 'lock-one', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         starter = subprocess.Popen([sys.executable, '-c', STARTER], env=environment, text=True,
                                    stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert starter.stdout.readline() == 'waits\n'
         # Its output ends when both have ended.
         assert starter.communicate('\n', PATIENCE)[0] == 'ended\n'
-    assert not list(tmp_path.glob('ready-*'))
+    assert not list(cache.glob('ready-*'))
 
 
 @needs_numba
 def test_nobody_waits_to_compile_for_a_starter_that_ended_before(tmp_path):
     fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
+    cache = own_cache(tmp_path)
     ended = subprocess.Popen([sys.executable, '-c', ''])
     ended.wait()
-    with open(tmp_path / f'lock-{jit.TRACKING_SET}', 'w') as lock:
+    with open(cache / f'lock-{jit.TRACKING_SET}', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         subprocess.run([sys.executable, '-m', PROGRAM], check=True, timeout=PATIENCE, env={
-            **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+            **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache),
             'PYTHONPATH': str(REPOSITORY), STARTER_VARIABLE: str(ended.pid)})
-    assert not list(tmp_path.glob('ready-*'))
+    assert not list(cache.glob('ready-*'))

@@ -7,8 +7,9 @@
   `load_kernel` fetches what another process has compiled meanwhile.
 - ``0``: plain Python.
 
-Compiled kernels are kept on disk, in a folder named after a hash of their sources; kernels of
-other sources are removed when none has used them for a month and new ones come.
+Compiled kernels are kept on disk, in a folder named after a hash of their sources, in
+`NUMBA_CACHE_DIR` where that is set, else in the user's cache; there kernels of other sources are
+removed when none has used them for a month and new ones come.
 """
 
 from __future__ import annotations
@@ -72,13 +73,17 @@ def _sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder(digest: str) -> Path | None:
+def _cache_folder(name: str) -> Path | None:
     """Return a writable folder for compiled kernels of these sources, None where there is none."""
     if given := os.environ.get('NUMBA_CACHE_DIR'):
-        return Path(given)
+        # Of kernels of other sources there, numba would load those whose own file is the same.
+        folder = Path(given) if Path(given).name == name else Path(given) / name
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        return folder
     try:
         caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-        folder = caches / 'hand_tracker' / f'kernels-{digest}'
+        folder = caches / 'hand_tracker' / name
         if not folder.is_dir():
             _remove_unused(folder.parent)
             folder.mkdir(parents=True, exist_ok=True)
@@ -97,7 +102,8 @@ def _remove_unused(caches: Path) -> None:
 
 
 SOURCES_DIGEST = _sources_digest() if JIT_IS_ON else ''
-CACHE_FOLDER = _cache_folder(SOURCES_DIGEST) if JIT_IS_ON else None
+CACHE_NAME = f'kernels-{SOURCES_DIGEST}'  # of the cache folder
+CACHE_FOLDER = _cache_folder(CACHE_NAME) if JIT_IS_ON else None
 
 
 def ready_file(kernel_set: str, folder: Path) -> Path:

@@ -13,6 +13,7 @@ import pytest
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import (
+    CACHE_NAME,
     COMPILED,
     empty_like_pack,
     empty_packs,
@@ -147,6 +148,21 @@ def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
     old('kernels-unused', 31.)
     assert start() == {own, 'kernels-unused', 'kernels-used', 'skin'}
     assert time.time() - (caches / own).stat().st_mtime < 3600.
+
+
+@pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
+def test_kernels_of_other_sources_are_kept_apart_in_a_given_folder_too(tmp_path):
+    def folder(given):
+        done = subprocess.run(
+            [sys.executable, '-c', 'from hand_tracker.core.numerics.jit import CACHE_FOLDER; '
+             'print(CACHE_FOLDER)'], check=True, stdout=subprocess.PIPE, text=True, env={
+                **os.environ, 'NUMBA_CACHE_DIR': str(given), 'PYTHONPATH': str(REPOSITORY)})
+        return done.stdout.strip()
+
+    own = tmp_path / 'caches' / CACHE_NAME
+    assert folder(tmp_path / 'caches') == str(own) and own.is_dir()
+    # As a process that this one starts is given it.
+    assert folder(own) == str(own)
 
 
 def test_a_change_of_any_kernel_or_of_its_constants_makes_new_ones():
