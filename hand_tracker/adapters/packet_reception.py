@@ -1,4 +1,4 @@
-"""Receive a system's packets: from sockets, or by who also reads those like the last one."""
+"""Receive a system's packets from sockets, or by a `Relay` that also reads them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ReceivedPacket(NamedTuple):
 
 
 class Relay(Protocol):
-    """What receives for a client, and reads packets by their `PacketOrigin` alone."""
+    """Receiver for a client that also reads packets, by their `PacketOrigin` alone."""
 
     def __call__(self, sockets: Sequence[int], timeout: float,
                  is_stream: bool = False) -> Sequence[ReceivedPacket] | None:

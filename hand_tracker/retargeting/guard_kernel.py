@@ -165,7 +165,7 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -
 
 @jit
 def keep_hand(guards: Pack[GuardMemory], now: float) -> None:
-    """Take note that the hand is there, though its frame is not to be followed.
+    """Note that the hand is present in a frame that is not followed.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> 
 
 @jit
 def start_step(guards: Pack[GuardMemory], now: float) -> float:
-    """Note the time of a command; return that since the last one, as far as it counts [s].
+    """Note the time of a command; return the time since the last one, at most `max_dt` [s].
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def start_step(guards: Pack[GuardMemory], now: float) -> float:
 
 @jit
 def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
-    """Move the command towards what the hand wants, while EASING or FOLLOWING, which it leads to.
+    """Move the command towards the wanted position; EASING becomes FOLLOWING once it is reached.
 
     Parameters
     ----------

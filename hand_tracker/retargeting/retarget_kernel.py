@@ -281,7 +281,7 @@ def _set_targets(task: Problem, state: Solution, human: np.ndarray) -> None:
 
 @jit
 def _skin_distance(task: Problem, human: np.ndarray, first: int, second: int) -> float:
-    """Return how far the skin of two of the person's finger tips is apart, at most as the tips.
+    """Return the distance between the skin of two of the person's finger tips [m].
 
     Tips lie on the skin at the ends of fingers: as the pads touch, tips are a centimetre apart.
     """

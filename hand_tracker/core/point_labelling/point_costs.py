@@ -88,7 +88,7 @@ def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
 
 @labelling_jit
 def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
-    """Return what the distances from the seen palm markers change in a palm marker's cost."""
+    """Return the change of a palm marker's cost by its distances from the seen palm markers."""
     total, count = 0., 0
     for i in range(len(prototype.rigid)):
         if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:

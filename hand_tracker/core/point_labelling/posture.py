@@ -469,7 +469,7 @@ def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
 @labelling_jit
 def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 rows: np.ndarray, taker: int, moved: np.ndarray, distance: float) -> int:
-    """Return the marker whose point a hidden one takes at the lowest cost, but those `moved`."""
+    """Return the marker whose point a hidden one takes at the lowest cost, not of those `moved`."""
     giver, least, seen = -1, math.inf, count_seen(rows)
     for j in range(len(rows)):
         if rows[j] >= 0 and not moved[j]:

@@ -79,7 +79,7 @@ class HiddenPlace(NamedTuple):
 
 @labelling_jit
 def hidden_place(track: HandTrack, i: int) -> HiddenPlace:
-    """Return where a marker is expected that is hidden, or still judged: as if it were none."""
+    """Return the expected place of a hidden marker, or of one whose return is still in doubt."""
     x, y, z = track.local[i, 0], track.local[i, 1], track.local[i, 2]
     hidden_for = track.hidden_for[i]
     if hidden_for <= 0.:
