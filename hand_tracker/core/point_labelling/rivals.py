@@ -45,6 +45,7 @@ TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
 CONTRADICTING_LEAD = 15.    # of another labelling, from which on trusted ones lose trust; ours
+LONGEST_TRUST = 2.          # [s] after which contradictions count as before; ours
 TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
 PRESSING_FRAMES = 2         # between two searches for a labelling where the present is in doubt
 STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
@@ -130,8 +131,9 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
     if not few:
         relabel(prototype, track, cloud.points, own, rival, exchanged)
-    if pressing or track.since_search[0] >= SEARCH_FRAMES:
-        _search_elsewhere(prototype, track, cloud.points, own, pressing, rival)
+    thorough = pressing or track.doubt[0] > RIVAL_MARGIN
+    if thorough or track.since_search[0] >= SEARCH_FRAMES:
+        _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
     lead, other = _lead(rival, finding, cloud, history), _lead(exchanged, finding, cloud, history)
     if not few and other > lead:
         copy_finding(exchanged, rival)
@@ -142,13 +144,13 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
 
 @labelling_jit
 def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray,
-                      free: np.ndarray, pressing: bool, found: Finding) -> None:
+                      free: np.ndarray, thorough: bool, found: Finding) -> None:
     """Search the hand among free points, as far as a frame has time; `found` may be replaced."""
     if not len(points):
         return
     track.since_search[0] = 0
     budget = (SEARCH_BUDGET if track.shaken_for[0] > 0. else
-              PRESSING_BUDGET if pressing else DOUBT_BUDGET)
+              PRESSING_BUDGET if thorough else DOUBT_BUDGET)
     candidates = blank_candidates()
     tried = search_palms(prototype, points, free, track.next_corner[0] % len(points), budget,
                          candidates)
@@ -247,7 +249,8 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
         if not any_changed or lead < 0.:
             for i in range(count):
                 if seen[i]:
-                    track.trusted_for[i] += elapsed
+                    track.trusted_for[i] = np.minimum(track.trusted_for[i] + elapsed,
+                                                      LONGEST_TRUST)
         return
     shaken = track.shaken_for[0] > 0.
     contradicted = elapsed if lead > CONTRADICTING_LEAD else 0.
