@@ -144,6 +144,11 @@ def _is_typical(prototype: Prototype, finding: Finding) -> bool:
     return bool(finding.distance[0] <= limit * max(prototype.typical, 1.))
 
 
+def _count_common(finding: Finding, rows: np.ndarray) -> int:
+    """Return how many of some points a hand has."""
+    return int(np.isin(finding.rows[finding.rows >= 0], rows).sum())
+
+
 def _near(points: np.ndarray, finding: Finding) -> np.ndarray:
     """Return which points, (n, 3) [m], are so near a palm that they may be of its hand, (n,)."""
     return np.abs(points - finding.position).max(axis=1) < CLUTTER_RANGE
@@ -410,13 +415,19 @@ class CloudLabeller:
         rows = hand.track.finding.rows
         mine = rows[rows >= 0]
         free = frame.free & _near(frame.points, hand.track.finding)
+        by_pairs = not palm_is_seen(hand.statistics, rows)
         if free.any() and hand.count <= MOST_CHECKED:
-            by_pairs = not palm_is_seen(hand.statistics, rows)
             other, wider = self._mirrored_lead(hand, frame.points, by_pairs, free)
-            own = np.isin(wider.rows[wider.rows >= 0], mine).sum()
-            other -= FOREIGN_COST * (count_seen(wider.rows) - own)
-            if 2 * own > len(mine) and other > lead:
+            other -= FOREIGN_COST * (count_seen(wider.rows) - _count_common(wider, mine))
+            if 2 * _count_common(wider, mine) > len(mine) and other > lead:
                 lead, found = other, wider
+        if lead > 0.:
+            # Labels that are wrong say little of the side: the best are compared.
+            free[mine] = True
+            anew = blank_finding(hand.count)
+            _search_points(hand.statistics, frame.points, free, 0, sys.maxsize, anew, by_pairs)
+            if 2 * _count_common(anew, mine) > len(mine):
+                lead -= max(hand.track.finding.cost[0] - anew.cost[0], 0.)
         hand.side.add(lead, hand.track, found, frame.points)
 
     def _mirrored_lead(self, hand: _Hand, points: np.ndarray, by_pairs: bool,

@@ -71,7 +71,9 @@ class SideEvidence:
             return
         self._unchecked_for = 0.
         posture = track.local
-        moved = np.sqrt(np.sum((posture - self._posture) ** 2) / len(posture))
+        # By the nearest, as labels that change are no other posture.
+        squares = ((posture[:, None] - self._posture) ** 2).sum(axis=2)
+        moved = np.sqrt(squares.min(axis=1).mean())
         if moved < ANOTHER_POSTURE or not (
                 _tells_side(self._mirrored, found, points) if lead > 0.
                 else _tells_side(self._own, track.finding, points)):
