@@ -229,6 +229,22 @@ def test_labels_that_others_have_long_been_better_than_are_exchanged():
             track.trusted_for[:] = .8
 
 
+@pytest.mark.parametrize('seed', [1, 2])
+def test_labels_that_were_trusted_for_long_are_exchanged_as_soon_as_others(seed):
+    random = np.random.default_rng(3)
+    labeller = CloudLabeller([prototype()])
+    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
+    for number, frame in enumerate(moving(1200, seed=seed)):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE)
+        if not 700 < number < 1100:
+            assert np.array_equal(found.rows[0], rows), number
+        if number == 700:
+            track = labeller._hands[0].track
+            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
+            start_places(labeller._hands[0].statistics, points, track)
+
+
 def test_a_hand_that_is_lost_is_found_again():
     labeller = CloudLabeller([prototype()])
     frames = moving(300, seed=2)

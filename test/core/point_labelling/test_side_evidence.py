@@ -59,6 +59,15 @@ def test_a_posture_counts_once_and_no_other_within_the_period(evidence):
     assert evidence.lead == -27.
 
 
+def test_labels_that_change_are_no_other_posture(evidence):
+    points, track = posture(.9)
+    for rows in (np.arange(8), [0, 1, 2, 6, 4, 5, 3, 7]):
+        track.local[:] = track.local[rows]
+        evidence.elapse(SIDE_PERIOD)
+        evidence.add(-9., track, track.finding, points)
+    assert evidence.lead == -9.
+
+
 def test_no_posture_decides_alone_and_a_verdict_is_mended_by_many(evidence):
     evidence._mirrored = PROTOTYPE.statistics   # so that the same postures are bent to its palm
     bends = [.7 + .3 * (number % 2) for number in range(40)]
