@@ -18,7 +18,8 @@ from .hand_axes import is_body, with_recognised_axes
 
 def recorded_points(path: str | PathLike[str],
                     reading: ReadingOptions | None = None,
-                    layout: MarkerLayout | None = None) -> PointRecording:
+                    layout: MarkerLayout | None = None,
+                    labels: LabelMap | None = None) -> PointRecording:
     """Read a recording as points, with unit and handedness by its hands, or by the body in it.
 
     Parameters
@@ -27,6 +28,8 @@ def recorded_points(path: str | PathLike[str],
     reading : ReadingOptions, optional
     layout : MarkerLayout, optional
         Whose markers have the ids from 0 on in MarkerArrays, beside others.
+    labels : LabelMap, optional
+        Of that layout's markers, where they have others.
 
     Returns
     -------
@@ -41,16 +44,17 @@ def recorded_points(path: str | PathLike[str],
     """
     recording = read_recording(path, reading)
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
-        labels = recording.labels
-        recording = recording._replace(
-            labels=marker_names(labels) or _names_by_id(labels, layout) or labels)
+        own = recording.labels
+        names = (marker_names(own) if labels is None else ()) or _names_by_id(own, layout, labels)
+        recording = recording._replace(labels=names or own)
     size = None
     if recording.format == BVH.name and is_body(recording):
         size = rest_size(read_bvh_joints(Path(path)))
     return with_recognised_axes(recording, size)
 
 
-def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None) -> tuple[str, ...]:
+def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None,
+                 by_label: LabelMap | None) -> tuple[str, ...]:
     """Return the names of a layout's markers for their ids, of a hand or of both.
 
     Parameters
@@ -59,6 +63,8 @@ def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None) -> tuple[
         As 'namespace/id'.
     layout : MarkerLayout or None
         The paper's eight, if there are no others, where None.
+    by_label : LabelMap or None
+        Of its markers, where their ids are not those from 0 on.
 
     Returns
     -------
@@ -70,13 +76,14 @@ def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None) -> tuple[
     names = (layout_or_paper.places if layout_or_paper.names == MARKERS
              else layout_or_paper.names)
     of_both = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
-    for hands in ({f'{side}_': by_id for side, by_id in of_both.items()},
-                  {'': LabelMap(default_labels(names), names)}):
+    both = {f'{side}_': of_side for side, of_side in of_both.items()}
+    for hands in ((both, {'': LabelMap(default_labels(names), names)}) if by_label is None
+                  else ({'': by_label},)):
         named: list[list[str]] = []
         for label in labels:
             space, _, number = label.rpartition('/')
-            named.append([prefix + names[slot] for prefix, by_id in hands.items()
-                          if (slot := by_id.slot(space, int(number))) is not None])
+            named.append([prefix + names[slot] for prefix, of_hand in hands.items()
+                          if (slot := of_hand.slot(space, int(number))) is not None])
         found = tuple(one[0] if one else label for one, label in zip(named, labels))
         if len(found) == len(set(found)) and (any(named) if layout else all(named)):
             return found

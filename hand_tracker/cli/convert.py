@@ -11,7 +11,12 @@ from typing import Any
 from ..files.written_kinds import SKELETON_KIND, SKINNED_KIND, WRITTEN_FORMATS
 from ..parallel import Interruptions
 from ..progress import Progress
-from .recording_options import add_recording_options, reading_options, run_command
+from .recording_options import (
+    add_recording_options,
+    label_map,
+    reading_options,
+    run_command,
+)
 from .track import add_motion_options
 
 SKELETON_KINDS = SKELETON_KIND, SKINNED_KIND
@@ -43,10 +48,11 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
             output.suffix in (*WRITTEN_SUFFIXES, *SKELETON_KINDS)):
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
-    layout = None
-    if options.hand or options.layout:
+    layout = labels = None
+    if options.hand or options.layout or options.label:
         _, layout = choose_hand(options.hand, options.side, layout=options.layout)
-    recording = recorded_points(options.recording, reading_options(options), layout)
+        labels = label_map(options.label, layout.names) if options.label else None
+    recording = recorded_points(options.recording, reading_options(options), layout, labels)
     notes = list(recording.notes)
     if output.suffix not in STORAGE and recording.left_out:
         notes.append(f'{recording.left_out} frames between the others were left out, as the times '

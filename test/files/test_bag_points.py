@@ -173,6 +173,17 @@ def test_convert_writes_the_points_of_the_topic_asked_for(tmp_path, capsys):
     assert 'no topic /none of visualization_msgs/msg/MarkerArray or ' in capsys.readouterr().err
 
 
+def test_convert_names_markers_by_the_labels_of_the_command_line(tmp_path):
+    path = write_clouds(tmp_path / 'take', np.ones((1, 3)), marker_messages(
+        np.arange(9.).reshape(1, 3, 3) + 1., [RECORDING_START], ['leds/a', 'leds/b', 'leds/c']))
+    written = tmp_path / 'points.npz'
+    assert main(['convert', str(path), str(written), '--label', 'thumb=leds/b/1',
+                 '--label', 'wrist=2', '--label', 'little_mcp=']) == 0
+    found = read_recording(written)
+    assert found.labels == ('leds/a/0', 'thumb_tip', 'wrist')
+    assert found.points[0, :, 0].tolist() == [1., 4., 7.]
+
+
 def test_a_topic_called_markers_comes_first(tmp_path):
     path = tmp_path / 'named' / 'named.mcap'
     with Writer(path.parent, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
