@@ -19,7 +19,7 @@ from .hand_axes import is_body, with_recognised_axes
 def recorded_points(path: str | PathLike[str],
                     reading: ReadingOptions | None = None,
                     layout: MarkerLayout | None = None,
-                    labels: LabelMap | None = None) -> PointRecording:
+                    by_label: LabelMap | None = None) -> PointRecording:
     """Read a recording as points, with unit and handedness by its hands, or by the body in it.
 
     Parameters
@@ -28,7 +28,7 @@ def recorded_points(path: str | PathLike[str],
     reading : ReadingOptions, optional
     layout : MarkerLayout, optional
         Whose markers have the ids from 0 on in MarkerArrays, beside others.
-    labels : LabelMap, optional
+    by_label : LabelMap, optional
         Of that layout's markers, where they have others.
 
     Returns
@@ -44,9 +44,10 @@ def recorded_points(path: str | PathLike[str],
     """
     recording = read_recording(path, reading)
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
-        own = recording.labels
-        names = (marker_names(own) if labels is None else ()) or _names_by_id(own, layout, labels)
-        recording = recording._replace(labels=names or own)
+        labels = recording.labels
+        names = marker_names(labels) if by_label is None else ()
+        recording = recording._replace(
+            labels=names or _names_by_id(labels, layout, by_label) or labels)
     size = None
     if recording.format == BVH.name and is_body(recording):
         size = rest_size(read_bvh_joints(Path(path)))

@@ -25,6 +25,7 @@ from .recording_options import (
     chosen_labels,
     equated,
     label_map,
+    metres_per_unit,
     reading_options,
 )
 
@@ -55,7 +56,7 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     worn = MARKERS if layout is None else layout.names
     reader = MarkerReader(
         label_map([*options.label, *equated(options.markers, worn)], worn), options.frame,
-        options.unit_scale, not options.keep_zeros)
+        metres_per_unit(options), not options.keep_zeros)
     if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
         fault = (f'unknown extension {path.suffix!r}' if path.exists()
                  else 'no such file or folder')

@@ -48,11 +48,11 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
             output.suffix in (*WRITTEN_SUFFIXES, *SKELETON_KINDS)):
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
-    layout = labels = None
+    layout = by_label = None
     if options.hand or options.layout or options.label:
         _, layout = choose_hand(options.hand, options.side, layout=options.layout)
-        labels = label_map(options.label, layout.names) if options.label else None
-    recording = recorded_points(options.recording, reading_options(options), layout, labels)
+        by_label = label_map(options.label, layout.names) if options.label else None
+    recording = recorded_points(options.recording, reading_options(options), layout, by_label)
     notes = list(recording.notes)
     if output.suffix not in STORAGE and recording.left_out:
         notes.append(f'{recording.left_out} frames between the others were left out, as the times '

@@ -174,7 +174,7 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     parser : argparse.ArgumentParser
     """
     parser.add_argument('--units', choices=tuple(UNIT_SPELLINGS),
-                        help='unit of a file of points; default: as the file says')
+                        help='unit of the points; default: as the file says, of MarkerArrays m')
     # Joined by =, as one that begins with a minus looks like an option.
     parser.add_argument('--up', choices=UP_AXES, help='upward axis of a file of points, as z or '
                         '--up=-y; default: as the file says, else as its format has it')
@@ -194,6 +194,13 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
     return ReadingOptions(options.units, options.up, options.handed,
                           not getattr(options, 'keep_zeros', False), options.partial,
                           getattr(options, 'topic', None), options.frame_rate, options.subject)
+
+
+def metres_per_unit(options: argparse.Namespace) -> float:
+    """Return the metres of a unit of the markers in MarkerArrays, which name none."""
+    given = vars(options)    # not every command has all
+    units = given.get('units')
+    return float(given.get('unit_scale', 1.) * (UNIT_SPELLINGS[units][0] if units else 1.))
 
 
 def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS) -> dict[str, str]:
@@ -291,12 +298,13 @@ def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
     from ..tracking.recording import MarkerReading
 
     given = vars(options)    # not every command has all
-    reading = MarkerReading(labels, given.get('frame', ''), given.get('unit_scale', 1.),
+    reading = MarkerReading(labels, given.get('frame', ''), metres_per_unit(options),
                             not given.get('keep_zeros'), options.labels != WITHOUT_LABELS,
                             given.get('partial', False))
     if isinstance(recording, PointBag):
-        # What is missing was left out as the file was read.
-        return reading._replace(zero_is_missing=False, has_labels=recording.has_labels)
+        # Missing points were left out, and units heeded, as the file was read.
+        return reading._replace(scale=given.get('unit_scale', 1.), zero_is_missing=False,
+                                has_labels=recording.has_labels)
     return reading
 
 

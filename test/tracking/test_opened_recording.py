@@ -531,8 +531,10 @@ def test_the_unit_of_markers_with_ids_is_given_as_their_scale(tmp_path, monkeypa
         1000. * recording.points, recorded_times(recording), ('hand',) * 8))
     assert main(['inspect', 'take.mcap']) == 0
     command = capsys.readouterr().out.splitlines()[-1].removeprefix('next: hand_tracker ').split()
-    assert '--unit-scale=0.001' in command and main(command) == 0
-    assert '240 of 240 frames tracked' in capsys.readouterr().out
+    assert '--unit-scale=0.001' in command
+    for given in (command, [word.replace('--unit-scale=0.001', '--units=mm') for word in command]):
+        assert main(given) == 0
+        assert '240 of 240 frames tracked' in capsys.readouterr().out
 
 
 def test_frames_that_were_left_out_are_missing_in_other_formats(tmp_path, monkeypatch, capsys):

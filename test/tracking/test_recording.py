@@ -471,6 +471,7 @@ def cut_off(path):
     (no_palm, (), r"no frame of /markers shows the palm: .* not seen yet '0' \(wrist\)"),
     (no_hand, (), r"the palm: expected are the labels '0' \(wrist\).*; there are 'hand/8'"),
     (hand_at_rest, ('--unit-scale', '.001'), 'the palm: .* too close together .* --unit-scale'),
+    (hand_at_rest, ('--units', 'mm'), 'the palm: .* too close together .* --unit-scale'),
     (hand_at_rest, ('--unit-scale', '10'), 'shows the palm: .* too far apart .* --unit-scale'),
     (hand_at_rest, ('--unit-scale', '1e5'), 'shows the palm: .* a kilometre away; .* --unit-scale'),
     (damaged, (), '/markers: the message of 5 ns is no whole visualization_msgs/msg/MarkerArray'),
