@@ -20,6 +20,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
+import psutil
 
 from benchmarks.common import RATE, add_json_option, end, environ, environment, write_rows
 from benchmarks.round_trip import Driver, cpu_time, isolate, messages
@@ -31,8 +32,11 @@ ECHO_START = 'benchmarks.round_trip', '--echo'
 COMPILING_LIMIT = 1800.  # [s]
 
 
-def start(driver, command, name, frames, kernels, byte_code):
-    """Return the time until the first JointState of a new node, and its processor time [s]."""
+def start(driver, command, name, frames, kernels, byte_code, compiles_on=False):
+    """Return the time until the first JointState of a new node, and its processor time [s].
+
+    Where it `compiles_on`, the process that compiles its kernels outlives it.
+    """
     variables = environ(NUMBA_CACHE_DIR=str(kernels), PYTHONPYCACHEPREFIX=str(byte_code),
                         HAND_TRACKER_JIT='background' if command == TRACKER_START else '0')
     began = time.perf_counter_ns()
@@ -44,7 +48,10 @@ def start(driver, command, name, frames, kernels, byte_code):
                 raise SystemExit('the node does not answer')
             return 1e-9 * (answered - began), cpu_time(process)
         finally:
+            children = [] if compiles_on else psutil.Process(process.pid).children()
             end(process)
+            for child in children:
+                child.kill()
 
 
 def wait_for_kernels(kernels):
@@ -73,7 +80,8 @@ def main():
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         cache = Path(folder)
         kernels, byte_code = cache / 'kernels', cache / 'byte_code'
-        found = {'first': [start(driver, TRACKER_START, 'first', frames, kernels, byte_code)]}
+        found = {'first': [start(driver, TRACKER_START, 'first', frames, kernels, byte_code,
+                                 True)]}
         compiling = wait_for_kernels(kernels)
         for name in names:
             kind = name.rpartition('_')[0]
