@@ -116,10 +116,16 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
 
 def _complete_kernels(kernel_set: str, what: str) -> None:
     """Compile a set of kernels, where that was not done: plain Python is far too slow for it."""
-    if jit.JIT_IS_ON and jit.CACHE_FOLDER is not None and not jit.is_ready(kernel_set):
-        print(f'Compiling what {what}: once, for {COMPILE_TIME} ...', flush=True)
-        subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET, kernel_set], check=True,
-                       env={**os.environ, 'HAND_TRACKER_JIT': '1'})
+    if not jit.JIT_IS_ON or jit.is_ready(kernel_set):
+        return
+    try:
+        jit.folder_with_room(jit.needed_folder())
+    except jit.KernelsUnavailable as error:
+        print(error, file=sys.stderr)
+        return
+    print(f'Compiling what {what}: once, for {COMPILE_TIME} ...', flush=True)
+    subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET, kernel_set], check=True,
+                   env={**os.environ, 'HAND_TRACKER_JIT': '1'})
 
 
 def _wait_for(name: str, process: subprocess.Popen[bytes], node: Node,

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import IO
@@ -42,28 +43,30 @@ class Compilation:
         Sets that are loaded so far.
     error : str or None
         Why no more will be loaded.
+    unkept : str or None
+        Why they are compiled for this process alone.
     """
 
     def __init__(self, loaders: Mapping[str, Callable[[Path], None]],
                  program: str = PROGRAM) -> None:
         self.loaded: list[str] = []
         self.error: str | None = None
+        self.unkept: str | None = None
         self._loaders, self._program = loaders, program
         Thread(target=self._run, name='load kernels', daemon=True).start()
 
     def _run(self) -> None:
         try:
-            is_temporary = jit.CACHE_FOLDER is None
-            folder = (jit.CACHE_FOLDER or _temporary_folder()).resolve()
-            if all(jit.ready_file(name, folder).exists() for name in self._loaders):
+            if jit.CACHE_FOLDER is not None and all(map(jit.is_ready, self._loaders)):
                 # Compiled since this process started.
                 for kernel_set, load in self._loaders.items():
-                    load(folder)
+                    load(jit.CACHE_FOLDER.resolve())
                     self.loaded.append(kernel_set)
                 return
+            folder = self._folder_with_room().resolve()
             with tempfile.TemporaryFile('w+') as complaints:
                 child = self._start(folder, complaints)
-                if is_temporary:
+                if self.unkept is not None:
                     atexit.register(child.kill)
                 for kernel_set, load in self._loaders.items():
                     if not _wait(child, jit.ready_file(kernel_set, folder)):
@@ -75,8 +78,22 @@ class Compilation:
                     load(folder)
                     self.loaded.append(kernel_set)
         # Tracking goes on in plain Python, whatever the reason.
+        except jit.KernelsUnavailable as error:
+            self.error = str(error)
         except Exception as error:
             self.error = f'{type(error).__name__}: {error}'
+
+    def _folder_with_room(self) -> Path:
+        """Return the user's cache folder, or a temporary one where that can take no kernels."""
+        try:
+            return jit.folder_with_room(jit.needed_folder())
+        except jit.KernelsUnavailable as error:
+            if not os.environ.get('NUMBA_CACHE_DIR'):
+                with suppress(OSError, jit.KernelsUnavailable):
+                    folder = jit.folder_with_room(_temporary_folder())
+                    self.unkept = str(error)
+                    return folder
+            raise
 
     def _start(self, folder: Path, complaints: IO[str]) -> subprocess.Popen[bytes]:
         return start_low_priority(

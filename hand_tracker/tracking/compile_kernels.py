@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -71,8 +71,9 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -
     for name in missing:
         try:
             complete_set(name, SETS[name])
-        except (OSError, jit.KernelsUnavailable):
+        except jit.KernelsUnavailable as error:
             # Without a folder to keep them in they are compiled each time.
+            jit.report_unkept(error)
             SETS[name]()
 
 
@@ -92,16 +93,17 @@ def compile_lock(kernel_set: str, starter: int | None = None) -> Iterator[None]:
     Raises
     ------
     KernelsUnavailable
-        If there is no such folder.
+        If there is no such folder, or it cannot be written to.
     StarterEnded
     """
     # Not on POSIX: both compile, and the later files replace the others.
     if find_spec('fcntl') is None:
         yield
         return
-    if jit.CACHE_FOLDER is None:
-        raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
-    lock = jit.CACHE_FOLDER / f'lock-{kernel_set}'
+    folder = jit.needed_folder()
+    with jit.keeping_in(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    lock = folder / f'lock-{kernel_set}'
     if os.nice(0) <= 0:
         with _locked(lock, starter):
             yield
@@ -117,7 +119,9 @@ def _locked(path: Path, starter: int | None) -> Iterator[None]:
     """Lock a file; wait for it as long as the starter runs."""
     import fcntl
 
-    with open(path, 'w') as lock:
+    with jit.keeping_in(path.parent):
+        lock = open(path, 'w')
+    with lock:
         while True:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -150,12 +154,25 @@ def starting_process() -> int:
     return int(os.environ.get(STARTER_VARIABLE, os.getppid()))
 
 
+def run_compilation(complete: Callable[[int], None]) -> int:
+    """Run what completes sets for the process that asked for them; return the exit code."""
+    try:
+        complete(starting_process())
+    except StarterEnded:
+        pass
+    except jit.KernelsUnavailable as error:
+        jit.report_unkept(error)
+        return 1
+    return 0
+
+
 def main(names: Sequence[str]) -> int:
     """Compile sets by their names, all where none is given; return the exit code."""
-    with suppress(StarterEnded):
+    def complete(starter: int) -> None:
         for name in names or SETS:
-            complete_set(name, SETS[name], starting_process())
-    return 0
+            complete_set(name, SETS[name], starter)
+
+    return run_compilation(complete)
 
 
 if __name__ == '__main__':

@@ -171,7 +171,7 @@ class Stream:
         self._time = FrameTime()
         self._switches_kernels = False
         self._log_lines: list[tuple[bool, str]] = []
-        self._has_reported_error = False
+        self._reported: list[str] = []  # of the compilation
 
     def compile_in_background(self, program: str = PROGRAM,
                               **loaders: Callable[[Path], None]) -> None:
@@ -198,7 +198,7 @@ class Stream:
     def share_compilation(self, other: Stream) -> None:
         """Take over the kernels that another stream of this process has compiled."""
         self.compilation, self._switches_kernels = other.compilation, other._switches_kernels
-        self._has_reported_error = True  # by the other
+        self._reported = other._reported
 
     def _load_kernels(self, folder: Path) -> None:
         self.tracker.load_kernels(folder)
@@ -327,9 +327,12 @@ class Stream:
         lines, self._log_lines = self._log_lines, []
         if isinstance(self.reader, PointLabelReader):
             lines += self.reader.pop_log_lines()
-        error = None if self.compilation is None else self.compilation.error
-        if error is not None and not self._has_reported_error:
-            self._has_reported_error = True
-            lines.append((True, 'the kernels could not be compiled, frames go on being tracked '
-                         f'more slowly: {error}'))
+        if self.compilation is not None:
+            error = self.compilation.error and (
+                'the kernels could not be compiled, frames go on being tracked more slowly: '
+                f'{self.compilation.error}')
+            for line in self.compilation.unkept, error:
+                if line is not None and line not in self._reported:
+                    self._reported.append(line)
+                    lines.append((True, line))
         return lines

@@ -45,6 +45,19 @@ def ros():
     from helpers import ros_process  # noqa: F401  sets a domain of its own
 
 
+def test_demo_says_where_kernels_cannot_be_kept_and_goes_on(ros, monkeypatch, capsys, tmp_path):
+    from hand_tracker.cli import demo_run
+
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr(demo_run.jit, 'JIT_IS_ON', True)
+    monkeypatch.setattr(demo_run.jit, 'CACHE_FOLDER', tmp_path / 'file' / 'cache')
+    monkeypatch.setattr(subprocess, 'run', None)
+    demo_run._complete_kernels('tracking', 'tracks')
+    printed = capsys.readouterr()
+    assert printed.out == '' and len(printed.err.splitlines()) == 1
+    assert str(tmp_path / 'file' / 'cache') in printed.err
+
+
 def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
     recording = demo_recording()
     short = recording._replace(stamps=recording.stamps[:120], markers=recording.markers[:120],

@@ -11,7 +11,9 @@ import pytest
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics import jit
 from hand_tracker.tracking.compilation import PROGRAM, STARTER_VARIABLE, Compilation
+from hand_tracker.tracking.compile_kernels import SETS, prepare_kernels
 
+FAST_PATH_PROGRAM = 'hand_tracker.nodes.fast_path.compile_fast_path'
 PATIENCE = 600.  # [s]
 
 needs_numba = pytest.mark.skipif(
@@ -195,6 +197,87 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
     compilation = Compilation({'one': load}, 'this')
     wait_for(lambda: compilation.error is not None)
     assert 'track_frame is not on disk' in compilation.error and not compilation.loaded
+
+
+WAIT_FOR_ONE = """
+import resource, sys, time
+from hand_tracker.tracking.compilation import Compilation
+
+exec(sys.argv[2])
+compilation = Compilation({'one': lambda folder: None}, sys.argv[1])
+while not compilation.loaded and compilation.error is None:
+    time.sleep(.01)
+print(compilation.error, compilation.unkept, sep='\\n')
+"""
+
+
+def run_compilation_of_one(folder, program, limit='', **caches):
+    """Return error and note of a compilation in a process with such cache folders."""
+    environment = {**os.environ, 'HAND_TRACKER_JIT': 'background', 'TMPDIR': str(folder),
+                   # Python, too, would cut what it writes at a limit.
+                   'PYTHONDONTWRITEBYTECODE': '1',
+                   'PYTHONPATH': os.pathsep.join([str(REPOSITORY), str(folder)])}
+    environment.pop('NUMBA_CACHE_DIR', None)
+    environment.update({name: str(place) for name, place in caches.items()})
+    done = subprocess.run([sys.executable, '-c', WAIT_FOR_ONE, program, limit], env=environment,
+                          capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 0 and done.stderr == '', done.stderr
+    return done.stdout.splitlines()
+
+
+@needs_numba
+def test_where_the_users_cache_is_unusable_a_temporary_folder_serves(tmp_path):
+    (tmp_path / 'file').touch()
+    (tmp_path / 'mark.py').write_text(
+        "from hand_tracker.core.numerics import jit\njit.mark_ready('one')\n")
+    error, unkept = run_compilation_of_one(tmp_path, 'mark', XDG_CACHE_HOME=tmp_path / 'file')
+    assert error == 'None'
+    assert str(tmp_path / 'file' / 'hand_tracker') in unkept and 'Not a directory' in unkept
+    assert not list(tmp_path.glob('hand_tracker-kernels-*'))  # removed at the end
+
+
+@needs_numba
+@pytest.mark.parametrize('variable', ['XDG_CACHE_HOME', 'NUMBA_CACHE_DIR'])
+def test_without_room_for_kernels_nothing_is_compiled_in_vain(tmp_path, variable):
+    pytest.importorskip('resource', reason='there is no limit of file sizes here')
+    # The module to run is not there: its absence would be the error.
+    error, unkept = run_compilation_of_one(
+        tmp_path, 'nonesuch', 'resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20,) * 2)',
+        **{variable: tmp_path / 'cache'})
+    assert unkept == 'None'
+    for word in (str(tmp_path / 'cache'), 'File too large', 'free space', 'NUMBA_CACHE_DIR'):
+        assert word in error
+    assert not [path for path in tmp_path.rglob('*') if path.is_file()]
+
+
+@needs_numba
+def test_kernels_that_cannot_be_kept_are_compiled_once_and_told_of(tmp_path, monkeypatch, caplog):
+    compiled = []
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr(jit, '_unkept', [])
+    monkeypatch.setattr(jit, 'COMPILED', True)
+    monkeypatch.setattr(jit, 'LABELLING_IS_DEFERRED', False)
+    monkeypatch.setattr(jit, 'CACHE_FOLDER', tmp_path / 'file' / 'cache')
+    for name in (jit.TRACKING_SET, jit.LABELLING_SET):
+        monkeypatch.setitem(SETS, name, lambda name=name: compiled.append(name))
+    lines = []
+    prepare_kernels(lines.append, labels_points=True)
+    assert compiled == [jit.TRACKING_SET, jit.LABELLING_SET] and len(lines) == 1
+    record, = caplog.records
+    assert 'Not a directory' in record.getMessage() and 'NUMBA_CACHE_DIR' in record.getMessage()
+
+
+@needs_numba
+@pytest.mark.parametrize('program', [PROGRAM, FAST_PATH_PROGRAM])
+def test_a_compiling_process_says_in_one_line_that_it_can_keep_nothing(tmp_path, program):
+    if program == FAST_PATH_PROGRAM:
+        pytest.importorskip('rclpy', reason='needs ROS 2')
+    (tmp_path / 'file').touch()
+    done = subprocess.run([sys.executable, '-m', program], capture_output=True, text=True, env={
+        **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path / 'file'),
+        'PYTHONPATH': os.pathsep.join([str(REPOSITORY), os.environ.get('PYTHONPATH', '')])})
+    line, = done.stderr.splitlines()
+    assert done.returncode == 1 and str(tmp_path / 'file') in line
 
 
 def own_cache(folder):

@@ -206,7 +206,7 @@ def test_a_take_collects_each_frame(stream):
 @pytest.fixture
 def compilation(monkeypatch):
     """Return a compilation that the test ends, and what it was asked for."""
-    found = SimpleNamespace(loaded=[], error=None)
+    found = SimpleNamespace(loaded=[], error=None, unkept=None)
 
     def begin(loaders, program):
         found.loaders, found.program = loaders, program
@@ -237,6 +237,19 @@ def test_an_error_of_the_compilation_is_reported_once(stream, compilation, monke
     monkeypatch.setattr(module, 'DEFERRED', True)
     stream.compile_in_background()
     stream.pop_log_lines()
+    compilation.error = 'no compiler'
+    (is_warning, line), = stream.pop_log_lines()
+    assert is_warning and line.endswith('no compiler')
+    assert stream.pop_log_lines() == []
+
+
+def test_kernels_of_this_process_alone_are_told_of_once_and_what_fails_later(
+        stream, compilation, monkeypatch):
+    monkeypatch.setattr(module, 'DEFERRED', True)
+    stream.compile_in_background()
+    stream.pop_log_lines()
+    compilation.unkept = 'no room'
+    assert stream.pop_log_lines() == [(True, 'no room')]
     compilation.error = 'no compiler'
     (is_warning, line), = stream.pop_log_lines()
     assert is_warning and line.endswith('no compiler')

@@ -1,6 +1,7 @@
 """Numerics below the method, used by every step.
 
-In reading order: `jit` (kernels, compiled or plain Python), `vectors` (three-vectors and
-frames), `quaternion` (unit quaternions, transforms for TF), `cholesky` (small linear systems),
-`rigid_fit` (pose of a point set), `assignment` (least-cost assignment).
+In reading order: `jit` (kernels, compiled or plain Python), `kernel_cache` (compiled ones on
+disk), `vectors` (three-vectors and frames), `quaternion` (unit quaternions, transforms for TF),
+`cholesky` (small linear systems), `rigid_fit` (pose of a point set), `assignment` (least-cost
+assignment).
 """

@@ -9,21 +9,24 @@
 
 Compiled kernels are kept on disk, in a folder named after a hash of their sources, in
 `NUMBA_CACHE_DIR` where that is set, else in the user's cache; there kernels of other sources are
-removed when none has used them for a month and new ones come.
+removed when none has used them for a month and new ones come. Where that folder is full, or cannot
+be written to, each process compiles its own.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 import os
 import platform
 import re
 import shutil
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -37,6 +40,7 @@ Record = TypeVar('Record')
 Pack = Sequence  # Pack[Record]: a sequence of one record, from `packed`
 
 UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
+KERNELS_SIZE = 100_000_000  # [bytes] on disk, of all sets, with some to spare
 
 PACKAGE = Path(__file__).parents[2]
 KERNEL_DECORATOR = re.compile(rb'@(partial\()?(labelling_)?jit\b')
@@ -74,7 +78,7 @@ def _sources_digest() -> str:
 
 
 def _cache_folder(name: str) -> Path | None:
-    """Return a writable folder for compiled kernels of these sources, None where there is none."""
+    """Return the folder for compiled kernels of these sources, None where there is no home."""
     if given := os.environ.get('NUMBA_CACHE_DIR'):
         # Of kernels of other sources there, numba would load those whose own file is the same.
         folder = Path(given) if Path(given).name == name else Path(given) / name
@@ -83,14 +87,15 @@ def _cache_folder(name: str) -> Path | None:
         return folder
     try:
         caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-        folder = caches / 'hand_tracker' / name
+    except RuntimeError:  # there is no home
+        return None
+    folder = caches / 'hand_tracker' / name
+    with suppress(OSError):
         if not folder.is_dir():
             _remove_unused(folder.parent)
             folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
-        return None
-    return folder if os.access(folder, os.W_OK) else None
+    return folder
 
 
 def _remove_unused(caches: Path) -> None:
@@ -104,6 +109,48 @@ def _remove_unused(caches: Path) -> None:
 SOURCES_DIGEST = _sources_digest() if JIT_IS_ON else ''
 CACHE_NAME = f'kernels-{SOURCES_DIGEST}'  # of the cache folder
 CACHE_FOLDER = _cache_folder(CACHE_NAME) if JIT_IS_ON else None
+# What first kept a kernel of this process from the disk.
+_unkept: list[KernelsUnavailable] = []
+
+
+@contextmanager
+def keeping_in(folder: Path) -> Iterator[None]:
+    """Raise KernelsUnavailable, with the folder and the cure, in place of an OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise _cannot_keep(folder, error) from error
+
+
+def _cannot_keep(folder: Path, error: OSError) -> KernelsUnavailable:
+    return KernelsUnavailable(
+        f'compiled kernels cannot be kept in {folder} ({error.strerror}): free space there, or '
+        'set NUMBA_CACHE_DIR to a folder that can be written to')
+
+
+def report_unkept(error: KernelsUnavailable) -> None:
+    """Log, once in a process, why its kernels are not kept on disk."""
+    if not _unkept:
+        _unkept.append(error)
+        logging.getLogger(__name__).warning('%s', error)
+
+
+def needed_folder() -> Path:
+    """Return the cache folder; raise KernelsUnavailable where there is no home."""
+    if CACHE_FOLDER is None:
+        raise KernelsUnavailable('compiled kernels cannot be kept without a home folder: set '
+                                 'NUMBA_CACHE_DIR to a folder that can be written to')
+    return CACHE_FOLDER
+
+
+def folder_with_room(folder: Path) -> Path:
+    """Return a folder for compiled kernels; raise KernelsUnavailable unless it can take them."""
+    with keeping_in(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            if hasattr(os, 'posix_fallocate'):
+                os.posix_fallocate(file.fileno(), 0, KERNELS_SIZE)
+    return folder
 
 
 def ready_file(kernel_set: str, folder: Path) -> Path:
@@ -126,19 +173,20 @@ def mark_ready(kernel_set: str) -> None:
 
     Raises
     ------
-    OSError
-        If the cache folder cannot be written to.
     KernelsUnavailable
-        If there is no cache folder.
+        If one could not be kept there.
     """
-    if CACHE_FOLDER is None:
-        raise KernelsUnavailable('there is no folder for compiled kernels that can be written to')
-    ready_file(kernel_set, CACHE_FOLDER).touch()
+    if _unkept:
+        raise _unkept[0]
+    folder = needed_folder()
+    with keeping_in(folder):
+        ready_file(kernel_set, folder).touch()
 
 
 def is_ready(kernel_set: str) -> bool:
     """Return whether every kernel of a set is on disk."""
-    return CACHE_FOLDER is not None and ready_file(kernel_set, CACHE_FOLDER).exists()
+    # Unlike that of a Path it raises nothing where the folder may not be read.
+    return CACHE_FOLDER is not None and os.path.exists(ready_file(kernel_set, CACHE_FOLDER))
 
 
 # The kernels from a message's bytes to the hand, and those that label points; the fast path's
@@ -210,8 +258,14 @@ def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any
 
     # Nothing calls kernels from C, which would cost as much compiling as from Python. The checks
     # that numba adds to raise ZeroDivisionError are a tenth of the code.
-    return numba.njit(
-        kernel, cache=cached, no_cfunc_wrapper=True, error_model='numpy', **options)
+    dispatcher = numba.njit(kernel, no_cfunc_wrapper=True, error_model='numpy', **options)
+    if cached:
+        from .kernel_cache import KernelCache
+
+        folder = Path(numba.config.CACHE_DIR)
+        dispatcher._cache = KernelCache(
+            kernel, lambda error: report_unkept(_cannot_keep(folder, error)))
+    return dispatcher
 
 
 def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None,

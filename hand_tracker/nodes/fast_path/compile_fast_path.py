@@ -8,12 +8,7 @@ from contextlib import suppress
 
 from ...core.numerics import jit
 from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
-from ...tracking.compile_kernels import (
-    StarterEnded,
-    compile_tracking,
-    complete_set,
-    starting_process,
-)
+from ...tracking.compile_kernels import compile_tracking, complete_set, run_compilation
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .packet_relay import PacketRelay
@@ -22,13 +17,15 @@ from .rcl import FastPathUnavailable
 
 def main() -> int:
     """Compile set by set; return the exit code."""
-    starter = starting_process()
-    with suppress(StarterEnded):
-        complete_set(jit.TRACKING_SET, compile_tracking, starter)
-        with suppress(FastPathUnavailable):
-            complete_set(FastPath.KERNEL_SET, compile_fast_path, starter)
-        complete_set(jit.LABELLING_SET, compile_labelling, starter)
-    return 0
+    return run_compilation(complete_sets)
+
+
+def complete_sets(starter: int) -> None:
+    """Compile set by set for a process that waits for them."""
+    complete_set(jit.TRACKING_SET, compile_tracking, starter)
+    with suppress(FastPathUnavailable):
+        complete_set(FastPath.KERNEL_SET, compile_fast_path, starter)
+    complete_set(jit.LABELLING_SET, compile_labelling, starter)
 
 
 def compile_fast_path() -> None:
