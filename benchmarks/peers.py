@@ -266,6 +266,19 @@ class Pink(Programmes):
                 wrist.translation)
 
 
+def with_masses(robot):
+    """Return a URDF's element with the masses and unfused bodies that MuJoCo needs, no geometry."""
+    compiler = ElementTree.SubElement(robot, 'mujoco')
+    ElementTree.SubElement(compiler, 'compiler', fusestatic='false')
+    for link in robot.findall('link'):
+        inertial = ElementTree.Element('inertial')
+        ElementTree.SubElement(inertial, 'mass', value='1')
+        ElementTree.SubElement(inertial, 'inertia', ixx='1', iyy='1', izz='1',
+                               ixy='0', ixz='0', iyz='0')
+        link[:] = [inertial]
+    return robot
+
+
 class Mink(Programmes):
     """Frame tasks on positions, limits of joints, DAQP, on MuJoCo."""
 
@@ -290,15 +303,8 @@ class Mink(Programmes):
 
     @staticmethod
     def _model(text, given):
-        """Return the URDF with the masses, unfused bodies and free joint that MuJoCo needs."""
-        robot = ElementTree.fromstring(text)
-        compiler = ElementTree.SubElement(robot, 'mujoco')
-        ElementTree.SubElement(compiler, 'compiler', fusestatic='false')
-        for link in robot.findall('link'):
-            inertial = ElementTree.SubElement(link, 'inertial')
-            ElementTree.SubElement(inertial, 'mass', value='1')
-            ElementTree.SubElement(inertial, 'inertia', ixx='1', iyy='1', izz='1',
-                                   ixy='0', ixz='0', iyz='0')
+        """Return the URDF with what MuJoCo needs, and a free joint unless the wrist is given."""
+        robot = with_masses(ElementTree.fromstring(text))
         if not given:
             ElementTree.SubElement(robot, 'link', name='world')
             joint = ElementTree.SubElement(robot, 'joint', name='free', type='floating')

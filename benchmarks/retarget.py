@@ -1,20 +1,23 @@
-"""Compare retargeting to robot hands with dexi-rs, in the same run.
+"""Compare retargeting to robot hands with dexi-rs, dex-retargeting and mink, in the same run.
 
     python -m benchmarks.retarget CAPTURE.npz ... [--urdfs FOLDER] [--robots NAME ...] [--json OUT]
 
 Input are captures of hands (see docs/evaluate.md), and simulated pinches, as captured hands hardly
-ever bring the tips within 5 mm: each finger meets the thumb at 2 mm and leaves it again. Both
-methods get the same landmarks in the palm's frame, have no filter, begin each recording anew, and
-are called from Python; what is timed is the thread's CPU time of the one call. dexi-rs is set as
-the configurations that its users have: DexPilot where there is one, vector else. The last two
-robots are without it.
+ever bring the tips within 5 mm: each finger meets the thumb at 2 mm and leaves it again. All
+methods get the same landmarks in the palm's frame, have no filter, begin each recording anew, go
+on from their last solution, and are called from Python; what is timed is the thread's CPU time of
+the one call. The peers have one scale for each robot. dexi-rs is set as the configurations that
+its users have: DexPilot where there is one, vector else. dex-retargeting has its own files of
+both kinds. mink has a task for the place of each tip from the wrist and one for the open hand's
+posture, with the costs of its examples of hands, the joints' limits and those that mimic others,
+and solves one quadratic programme a frame by DAQP. The last two robots are without peers.
 
 `tip_error_mm` is the mean distance of the robot's tips from the method's own targets.
 `pinch_gap_mm` is the mean distance, without sign, of the surfaces of the tip spheres while the
 person's tips are within 5 mm, `pinch_share` the share of those frames with 2 mm at most, and
 `pinch_frames` their number without those of fingers that the robot's thumb cannot touch in any
 position, `out_of_reach_frames`. `tip_frames_mm` is the mean distance of the tips' frames then,
-which is what dexi-rs brings to zero. `max_step_rad` is the largest change of a joint in a frame,
+which is what DexPilot brings to zero. `max_step_rad` is the largest change of a joint in a frame,
 `lag_ms` the delay of the joint that moves most as an index finger swings by 4 degrees at 10 Hz,
 sampled at 120 Hz.
 """
@@ -23,7 +26,6 @@ import argparse
 import os
 import sys
 import time
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 if not __package__:
@@ -35,6 +37,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from benchmarks.common import add_json_option, environment, write_rows
+from benchmarks.retarget_peers import RETARGETING_PEERS, Setup, installed
 from hand_tracker.calibration.fit import fit_hand
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.calibration.palm_frame import palm_coordinates
@@ -55,17 +58,15 @@ PINCH_RATE = 120.     # [Hz]
 PINCH_TIME = .6       # [s] to close, to hold and to open
 REACH_STARTS = 6      # random positions from which a touch is searched for
 SWING_HZ, SWING_DEG, SWING_RATE, SWING_TIME = 10., 4., 120., 3.
-# Palm to the peer's frame: x out of the palm, y to the thumb, z distal, of a right hand.
-PEER_AXES = np.array(((0., 0., 1.), (0., 1., 0.), (-1., 0., 0.)))
-# File; the peer's kind, wrist link and scale, as in the configurations that its users have.
+# File, and the peers' setup.
 ROBOTS = {
-    'allegro': ('allegro_hand_right', 'DexPilot', 'wrist', 1.6),
-    'leap': ('leap_hand_right', 'DexPilot', 'base', 1.6),
-    'shadow': ('shadow_hand_right', 'DexPilot', 'palm', 1.2),
-    'ability': ('ability_hand_right', 'vector', 'base_link', 1.),
-    'inspire': ('inspire_hand_right', 'vector', 'base', 1.15),
-    'schunk_svh': ('schunk_svh_hand_right',),
-    'plain': ('plain_hand_right',),
+    'allegro': ('allegro_hand_right', Setup('DexPilot', 'wrist', 1.6)),
+    'leap': ('leap_hand_right', Setup('DexPilot', 'base', 1.6)),
+    'shadow': ('shadow_hand_right', Setup('DexPilot', 'palm', 1.2)),
+    'ability': ('ability_hand_right', Setup('vector', 'base_link', 1.)),
+    'inspire': ('inspire_hand_right', Setup('vector', 'base', 1.15)),
+    'schunk_svh': ('schunk_svh_hand_right', None),
+    'plain': ('plain_hand_right', None),
 }
 
 
@@ -135,7 +136,7 @@ class Ours:
 
     def __init__(self, robot, hand):
         self.solver = Retargeter(robot, hand)
-        self.method = 'hand_tracker'
+        self.method, self.order = 'hand_tracker', np.arange(len(self.solver.names))
 
     def start(self):
         self.solver.reset()
@@ -151,59 +152,6 @@ class Ours:
         tips = self.solver.robot.tip_positions(position)
         return np.linalg.norm(tips - self.solver.solution.target[:len(tips)], axis=1).mean()
 
-    def order(self):
-        return list(range(len(self.solver.names)))
-
-
-class Dexi:
-    """dexi-rs without its filter."""
-
-    def __init__(self, robot, path, kind, wrist, scale):
-        import dexi_rs
-
-        self.method = f'dexi-rs {kind}'
-        self.robot, self.wrist, self.scale = robot, wrist, scale
-        tips = [digit.tip_link for digit in robot.anatomy.digits.values()]
-        rows = [LANDMARKS.index(f'{role}_tip') for role in robot.anatomy.digits]
-        count = len(tips)
-        if kind == 'DexPilot':
-            pairs = [(j, i) for i in range(1, count) for j in range(i + 1, count + 1)]
-            pairs += [(0, i) for i in range(1, count + 1)]
-            more = {'wrist_link_name': wrist, 'finger_tip_link_names': tips}
-        else:
-            pairs = [(0, i) for i in range(1, count + 1)]
-            more = {'target_origin_link_names': [wrist] * count, 'target_task_link_names': tips,
-                    'target_link_human_indices': [[0] * count, rows]}
-        rows = [0, *rows]
-        self.pairs = np.array([(rows[a], rows[b]) for a, b in pairs])
-        self.solver_of = lambda: dexi_rs.RetargetingConfig(
-            kind, path.name, urdf_dir=str(path.parent), scaling_factor=scale, low_pass_alpha=1.,
-            **more).build()
-        self.start()
-
-    def start(self):
-        self.solver = self.solver_of()
-
-    def arguments(self, landmarks, rate):
-        turned = landmarks @ PEER_AXES
-        vectors = turned[:, self.pairs[:, 1]] - turned[:, self.pairs[:, 0]]
-        return [(row,) for row in vectors.reshape(len(vectors), -1).tolist()]
-
-    def call(self, vectors):
-        return self.solver.retarget(vectors)
-
-    def missed(self, landmarks, position):
-        links = [self.wrist, *(digit.tip_link for digit in self.robot.anatomy.digits.values())]
-        wrist, *tips = np.array(self.solver.link_positions(list(position), links))
-        rows = [LANDMARKS.index(f'{role}_tip') for role in self.robot.anatomy.digits]
-        targets = self.scale * (landmarks[rows] - landmarks[0]) @ PEER_AXES
-        return np.linalg.norm(tips - wrist - targets, axis=1).mean()
-
-    def order(self):
-        """Return where our variables are in its positions."""
-        names = list(self.solver.joint_names)
-        return [names.index(name) for name in self.robot.model.variables]
-
 
 def run(solver, recording, robot, within_reach):
     """Return the row of a method on a recording; `within_reach` is from `touchable`."""
@@ -214,9 +162,9 @@ def run(solver, recording, robot, within_reach):
         start = time.thread_time_ns()
         position = solver.call(*given)
         times.append(time.thread_time_ns() - start)
-        positions.append(position)
-        misses.append(solver.missed(landmarks, position))
-    positions = np.array(positions)[:, solver.order()]
+        positions.append(np.asarray(position)[solver.order])
+        misses.append(solver.missed(landmarks, positions[-1]))
+    positions = np.array(positions)
     row = {'recording': recording.name, 'rate_hz': recording.rate,
            'median_us': np.median(times[1:]) / 1e3, 'p99_us': np.percentile(times[1:], 99) / 1e3,
            'tip_error_mm': 1e3 * np.mean(misses),
@@ -289,17 +237,6 @@ def lag(solver, hand):
     return 1e3 * late / (2. * np.pi * SWING_HZ)
 
 
-def methods(name, robot, path, hand):
-    """Yield the solvers of a robot."""
-    yield Ours(robot, hand)
-    if not ROBOTS[name][1:]:
-        return
-    try:
-        yield Dexi(robot, path, *ROBOTS[name][1:])
-    except ImportError:
-        print('dexi-rs is not installed: left out', file=sys.stderr)
-
-
 def default_urdfs():
     """Return the folder of the URDFs that dexi-rs brings."""
     try:
@@ -313,11 +250,13 @@ def main():
     """Run the benchmark."""
     parser = argparse.ArgumentParser(
         description=__doc__.split('\n', 1)[0],
-        epilog='Install the peer by: pip install dexi-rs.')
+        epilog='Install the peers by: pip install -r requirements/peers.in.')
     parser.add_argument('captures', nargs='*', type=Path, metavar='CAPTURE.npz')
     parser.add_argument('--urdfs', type=Path, metavar='FOLDER',
                         help='with the URDFs of the robots, also below; those of dexi-rs if absent')
     parser.add_argument('--robots', nargs='+', choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument('--peers', nargs='*', choices=RETARGETING_PEERS,
+                        default=list(RETARGETING_PEERS))
     parser.add_argument('--frames', type=int, default=4000, help='of each recording at most')
     add_json_option(parser)
     options = parser.parse_args()
@@ -325,13 +264,12 @@ def main():
         recordings = [*(captured(path) for path in options.captures), pinches()]
     except HandTrackerError as error:
         sys.exit(f'{parser.prog}: {error}')
-    try:
-        print(environment(**{'dexi-rs': version('dexi-rs')}))
-    except PackageNotFoundError:
-        print(environment())
+    peers = installed(options.peers)
+    print(environment(**peers))
     rows = []
     for name in options.robots:
-        file = f'{ROBOTS[name][0]}.urdf'
+        stem, setup = ROBOTS[name]
+        file = f'{stem}.urdf'
         folder = PLAIN_FOLDER if name == 'plain' else options.urdfs or default_urdfs()
         path = next(iter(sorted(folder.rglob(file))), None)
         if path is None:
@@ -339,9 +277,11 @@ def main():
             continue
         robot = robot_hand(load_urdf_tree(path))
         within_reach = touchable(robot)
+        others = [solver for peer in peers if setup
+                  for solver in RETARGETING_PEERS[peer].solvers(name, robot, path, setup)]
         for recording in recordings:
             recording.landmarks = recording.landmarks[:options.frames]
-            for solver in methods(name, robot, path, recording.hand):
+            for solver in (Ours(robot, recording.hand), *others):
                 row = {'robot': name, 'method': solver.method,
                        **run(solver, recording, robot, within_reach),
                        'lag_ms': lag(solver, recording.hand)}
@@ -355,7 +295,7 @@ def print_row(row):
     """Print a row as a line."""
     numbers = (f'{name} {value:.4g}' for name, value in row.items()
                if isinstance(value, (int, float)) and name != 'rate_hz')
-    print(f"{row['robot']:8s} {row['method']:16s} {row['recording']:26s} {'  '.join(numbers)}",
+    print(f"{row['robot']:8s} {row['method']:24s} {row['recording']:26s} {'  '.join(numbers)}",
           flush=True)
 
 

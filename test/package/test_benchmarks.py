@@ -4,15 +4,19 @@ import json
 import os
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from benchmarks import peers, write_document
+from benchmarks import peers, retarget, retarget_peers, write_document
 from benchmarks.offline import measure_many
 from benchmarks.repository import REPOSITORY
-from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.calibration.landmarks import LANDMARKS
+from hand_tracker.core.model.hand import ROOT, Hand, preset_limits
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.robot_hand import robot_hand
+from hand_tracker.retargeting.robot_urdf import load_urdf_tree
 
 
 def run(name, *arguments, folder):
@@ -59,12 +63,58 @@ def test_retargeting_touches_where_the_person_does_without_a_peer(tmp_path):
     # Our own hand in the place of a robot's, as no robot's URDF is in this repository.
     (tmp_path / 'shadow_hand_right.urdf').write_text(urdf(Hand.scaled(
         limits=preset_limits('wide'))))
-    rows = run('retarget', '--urdfs', tmp_path, '--robots', 'shadow', folder=tmp_path)
-    row = next(row for row in rows if row['method'] == 'hand_tracker')
+    row, = run('retarget', '--urdfs', tmp_path, '--robots', 'shadow', '--peers', folder=tmp_path)
+    assert row['method'] == 'hand_tracker'
     assert (row['robot'], row['recording']) == ('shadow', 'pinches (simulated)')
     assert row['pinch_frames'] > 200 and row['pinch_share'] > .99
     assert row['max_step_rad'] <= .08 and abs(row['lag_ms']) < 2.
     assert 0. < row['median_us'] <= row['p99_us']
+
+
+def test_peers_of_retargeting_that_are_not_installed_are_said_once(monkeypatch, capsys):
+    for package in retarget_peers.RETARGETING_PEERS.values():
+        monkeypatch.setitem(sys.modules, package.module, None)
+    assert not retarget_peers.installed(retarget_peers.RETARGETING_PEERS)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(':')[0] for line in lines] == list(retarget_peers.RETARGETING_PEERS)
+    assert all('pip install -r requirements/peers.in' in line for line in lines)
+
+
+def solver_of_our_hand(peer, folder):
+    """Return a peer's solver of our own hand as a robot, in the frame that peers expect."""
+    hand = ElementTree.fromstring(urdf(Hand.scaled(
+        limits=preset_limits('wide'))).partition('?>')[2])
+    hand.extend(ElementTree.fromstring(
+        '<robot><link name="base"/><joint name="turn" type="fixed">'
+        f'<origin rpy="0 {-np.pi / 2} 0"/><parent link="base"/><child link="{ROOT}"/>'
+        f'</joint></robot>'))
+    path = folder / 'our_hand.urdf'
+    ElementTree.ElementTree(hand).write(path)
+    robot = robot_hand(load_urdf_tree(path))
+    setup = retarget_peers.Setup('vector', 'base', 1.)
+    if peer != 'dex-retargeting':
+        return robot, retarget_peers.RETARGETING_PEERS[peer].solvers('', robot, path, setup)[0]
+    config, digits = folder / 'vector.yml', robot.anatomy.digits
+    config.write_text(json.dumps({'retargeting': {
+        'type': 'vector', 'urdf_path': str(path), 'scaling_factor': 1.,
+        'target_origin_link_names': ['base'] * len(digits),
+        'target_task_link_names': [digit.tip_link for digit in digits.values()],
+        'target_link_human_indices': [[0] * len(digits), [
+            LANDMARKS.index(f'{role}_tip') for role in digits]]}}))
+    return robot, retarget_peers.DexRetargeting(robot, path, setup, 'vector', config)
+
+
+@pytest.mark.parametrize('peer', retarget_peers.RETARGETING_PEERS)
+def test_peers_of_retargeting_are_given_what_they_need_to_meet_the_tips(
+        peer, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings there
+    pytest.importorskip(retarget_peers.RETARGETING_PEERS[peer].module,
+                        reason='only with requirements/peers.in', exc_type=ImportError)
+    recording = retarget.pinches()
+    recording.landmarks = recording.landmarks[:60]
+    robot, solver = solver_of_our_hand(peer, tmp_path)
+    row = retarget.run(solver, recording, robot, set())
+    assert row['tip_error_mm'] < 2.
 
 
 def test_the_path_of_a_frame_is_short(tmp_path):
