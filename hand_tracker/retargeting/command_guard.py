@@ -38,8 +38,8 @@ from .guard_kernel import (
 )
 from .guard_options import GuardOptions
 
-AT_REST = 1e-3         # [rad or m] from the rest position
-OUT_OF_LIMITS = .15    # [rad or m] of a robot that is not engaged
+AT_REST = 1e-3         # [rad] from the rest position
+OUT_OF_LIMITS = .15    # [rad] of a robot that is not engaged
 
 
 class GuardState(enum.Enum):
@@ -74,6 +74,8 @@ class CommandGuard:
     rest : array_like, shape (n,)
         Rest position.
     options : GuardOptions, optional
+    per_radian : array_like, shape (n,), optional
+        What counts as a radian of each joint in the options: a length where it slides [m].
 
     Attributes
     ----------
@@ -86,19 +88,23 @@ class CommandGuard:
     """
 
     def __init__(self, names: tuple[str, ...], lower: ArrayLike, upper: ArrayLike,
-                 speed: ArrayLike, rest: ArrayLike, options: GuardOptions | None = None) -> None:
+                 speed: ArrayLike, rest: ArrayLike, options: GuardOptions | None = None,
+                 per_radian: ArrayLike = 1.) -> None:
         self.options = options or GuardOptions()
         self._names = names
         self._lower, self._upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
-        margin = np.minimum(self.options.limit_margin, .25 * (self._upper - self._lower))
+        self._per_radian = np.broadcast_to(np.array(per_radian, dtype=float), self._lower.shape)
+        margin = np.minimum(self.options.limit_margin * self._per_radian,
+                            .25 * (self._upper - self._lower))
         self._inner = self._lower + margin, self._upper - margin
         given = np.array(speed, dtype=float)
-        most = np.where(given > 0., np.minimum(given, self.options.max_speed),
-                        self.options.max_speed)
+        most = self.options.max_speed * self._per_radian
+        most = np.where(given > 0., np.minimum(given, most), most)
         self._rest = np.clip(np.array(rest, dtype=float), *self._inner)
         self.pack: Pack[GuardMemory]
         self.memory: GuardMemory
-        self.pack, self.memory = packed(new_guard_memory(*self._inner, most, self.options))
+        self.pack, self.memory = packed(new_guard_memory(
+            *self._inner, most, self._per_radian, self.options))
         self._command[:] = self._rest
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
@@ -215,6 +221,7 @@ class CommandGuard:
                     f': they lack {self.lacking}' if self.lacking else ''))
             start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
+            beyond /= self._per_radian
             if beyond.max() > OUT_OF_LIMITS:
                 joint = int(beyond.argmax())
                 return self._refuse(
@@ -282,7 +289,7 @@ class CommandGuard:
             self._move(self._command.copy(), 0., step)
         elif state is GuardState.RELAXING:
             self._move(self._rest, self.options.relax_speed, step)
-            if np.abs(self._command - self._rest).max() < AT_REST:
+            if (np.abs(self._command - self._rest) / self._per_radian).max() < AT_REST:
                 self.disengage('at rest, as the hand was lost')
         else:
             follow_wanted(self.pack, step)

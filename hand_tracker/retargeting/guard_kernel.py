@@ -17,7 +17,7 @@ from .guard_options import GuardOptions
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
 GUARD_CAPACITY = 256    # joints at most
-REACHED = .1            # [rad or m] from the person's pose, from which the robot follows
+REACHED = .1            # [rad] from the person's pose, from which the robot follows
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
 # States of the guard, by number
 DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
@@ -34,6 +34,8 @@ class GuardMemory(NamedTuple):
         Limits with the margin that commands keep from them [rad or m].
     speed : ndarray, shape (GUARD_CAPACITY,)
         Greatest speed of each joint [rad/s or m/s].
+    per_radian : ndarray, shape (GUARD_CAPACITY,)
+        What counts as a radian, 1 where a joint does not slide [m].
     still : ndarray, shape (GUARD_CAPACITY,)
         Zeros: the velocity of a goal that does not move.
     command, velocity : ndarray, shape (GUARD_CAPACITY,)
@@ -61,6 +63,7 @@ class GuardMemory(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     speed: np.ndarray
+    per_radian: np.ndarray
     still: np.ndarray
     command: np.ndarray
     velocity: np.ndarray
@@ -89,12 +92,12 @@ class GuardMemory(NamedTuple):
 
 
 def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
-                     options: GuardOptions) -> GuardMemory:
+                     per_radian: np.ndarray, options: GuardOptions) -> GuardMemory:
     """Return the memory of a guard that is not engaged.
 
     Parameters
     ----------
-    lower, upper, speed : ndarray, shape (n,)
+    lower, upper, speed, per_radian : ndarray, shape (n,)
         See `GuardMemory`; n is `GUARD_CAPACITY` at most.
     options : GuardOptions
     """
@@ -110,8 +113,9 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         'still', 'command', 'velocity', 'wanted', 'wanted_velocity', 'robot', 'inside')}
     return GuardMemory(
         joints=len(lower), lower=of_joints(lower), upper=of_joints(upper),
-        speed=of_joints(speed), **still, **flags, **times,
-        gate=new_jump_gate(GUARD_CAPACITY, options.max_jump, options.jump_frames),
+        speed=of_joints(speed), per_radian=of_joints(per_radian), **still, **flags, **times,
+        gate=new_jump_gate(
+            GUARD_CAPACITY, of_joints(options.max_jump * per_radian), options.jump_frames),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
         ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
         hold_timeout=options.hold_timeout if options.hold_to_engage else math.inf,
@@ -253,7 +257,8 @@ def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
     is_reached = True
     for i in range(guard.joints):
         guard.wanted_velocity[i] = 0.
-        is_reached = is_reached and abs(guard.command[i] - guard.wanted[i]) < REACHED
+        is_reached = is_reached and (
+            abs(guard.command[i] - guard.wanted[i]) < REACHED * guard.per_radian[i])
     if guard.state[0] == EASING and is_reached:
         guard.state[0], guard.reached_time[0] = FOLLOWING, guard.command_time[0]
 
@@ -273,18 +278,18 @@ def move_command(guards: Pack[GuardMemory], goal: np.ndarray, goal_velocity: np.
     goal, goal_velocity : ndarray, shape (>= n,)
         [rad or m, and per second]
     speed : float
-        At most.
+        At most [rad/s].
     step : float
         [s]
     """
     guard = guards[0]
     if step <= 0.:
         return
-    acceleration = guard.max_acceleration
-    slowing = acceleration * step
     for i in range(guard.joints):
         command, velocity = guard.command[i], guard.velocity[i]
-        most = min(guard.speed[i], speed)
+        acceleration = guard.max_acceleration * guard.per_radian[i]
+        slowing = acceleration * step
+        most = min(guard.speed[i], speed * guard.per_radian[i])
         ahead = clamp(goal_velocity[i], -most, most)
         away = goal[i] - command - ahead * step
         braked = _braked_speed(away, acceleration, slowing)

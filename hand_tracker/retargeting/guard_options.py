@@ -34,21 +34,21 @@ class GuardOptions:
     robot_timeout: float = number_option(
         .5, .01, 60., 's', "Age of the robot's joint states up to which it may be or stay engaged")
     max_speed: float = number_option(
-        5., .01, 100., 'rad/s or m/s', 'Of every joint of a command, besides the URDF\'s limits')
+        5., .01, 100., 'rad/s', 'Of every joint of a command, besides the URDF\'s limits')
     max_acceleration: float = number_option(
-        500., .1, 1e4, 'rad/s² or m/s²', 'Of every joint of a command')
+        500., .1, 1e4, 'rad/s²', 'Of every joint of a command')
     ease_speed: float = number_option(
-        .7, .01, 100., 'rad/s or m/s', "Of every joint until the robot has reached the person's "
+        .7, .01, 100., 'rad/s', "Of every joint until the robot has reached the person's "
         'pose for the first time')
     max_jump: float = number_option(
-        .7, .01, 10., 'rad or m', 'Of the wanted position from one frame to the next; larger '
+        .7, .01, 10., 'rad', 'Of the wanted position from one frame to the next; larger '
         'jumps are not followed at once')
     jump_frames: int = number_option(
         6, 1, 1000, '1', 'Frames after which a jump that persists is followed, at limited speed')
     max_dt: float = number_option(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
     limit_margin: float = number_option(
-        .02, 0., .5, 'rad or m', "Distance that commands keep from the URDF's limits")
+        .02, 0., .5, 'rad', "Distance that commands keep from the URDF's limits")
     hand_timeout: float = number_option(
         .15, .01, 10., 's', 'Age of the hand\'s last frame from which the robot holds')
     on_lost: str = choice_option(
@@ -60,7 +60,7 @@ class GuardOptions:
         False, 'Whether the robot goes to its rest position slowly before it disengages, where '
         'the hand stays lost; only engaging anew ends that')
     relax_speed: float = number_option(
-        .2, .001, 10., 'rad/s or m/s', 'Of every joint on the way to the rest position')
+        .2, .001, 10., 'rad/s', 'Of every joint on the way to the rest position')
 
     def __post_init__(self) -> None:
         check(self, InvalidGuardOption)

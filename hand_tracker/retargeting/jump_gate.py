@@ -22,8 +22,8 @@ class JumpGate(NamedTuple):
         Refused positions in a row, near each other.
     refused : ndarray of int, shape (1,)
         Positions that were not accepted, in all.
-    most : float
-        Largest change of any number that is no jump.
+    most : ndarray, shape (size,)
+        Largest change of each number that is no jump.
     frames : int
         Frames in a row, near each other, after which a jump is accepted.
     """
@@ -34,16 +34,17 @@ class JumpGate(NamedTuple):
     has_jump: np.ndarray
     agreeing: np.ndarray
     refused: np.ndarray
-    most: float
+    most: np.ndarray
     frames: int
 
 
-def new_jump_gate(size: int, most: float, frames: int) -> JumpGate:
+def new_jump_gate(size: int, most: np.ndarray | float, frames: int) -> JumpGate:
     """Return a gate for positions of up to `size` numbers that accepts the first one."""
     def flag() -> np.ndarray:
         return np.zeros(1, np.int64)
 
-    return JumpGate(np.zeros(size), np.zeros(size), flag(), flag(), flag(), flag(), most, frames)
+    return JumpGate(np.zeros(size), np.zeros(size), flag(), flag(), flag(), flag(),
+                    np.full(size, most), frames)
 
 
 @jit
@@ -73,8 +74,8 @@ def accepts_position(gate: JumpGate, position: np.ndarray, size: int) -> bool:
 
 
 @jit
-def _is_far(position: np.ndarray, other: np.ndarray, size: int, most: float) -> bool:
+def _is_far(position: np.ndarray, other: np.ndarray, size: int, most: np.ndarray) -> bool:
     for i in range(size):
-        if abs(position[i] - other[i]) > most:
+        if abs(position[i] - other[i]) > most[i]:
             return True
     return False

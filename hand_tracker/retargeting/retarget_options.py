@@ -51,7 +51,7 @@ class RetargetOptions:
     max_speed: float = number_option(
         7.5, .01, 100., 'rad/s or m/s', 'Of every joint of the solution')
     limit_margin: float = number_option(
-        0., 0., .5, 'rad or m', "Distance kept from the URDF's limits")
+        0., 0., .5, 'rad', "Distance kept from the URDF's limits")
     iterations: int = number_option(
         15, 1, 100, '1', 'Gauss-Newton steps of a frame at most')
     tolerance: float = number_option(

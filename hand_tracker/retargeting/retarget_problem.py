@@ -138,7 +138,8 @@ def _variable_columns(robot: RobotHand, variables: list[int],
                       options: RetargetOptions) -> dict[str, np.ndarray]:
     row = (MAX_VARIABLES,)
     lower, upper = robot.model.lower[variables], robot.model.upper[variables]
-    margin = np.minimum(options.limit_margin, .25 * (upper - lower))
+    margin = np.minimum(options.limit_margin * robot.model.per_radian[variables],
+                        .25 * (upper - lower))
     follow, maps = [-1] * len(variables), np.zeros((3, len(variables)))
     for one in robot.follow:
         i = variables.index(one.variable)

@@ -68,7 +68,8 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
     lines += [f'name: {_text(robot.name)}', f'urdf: {_text(urdf)}',
               f'side: {robot.side}', '',
               '# Link at the tip of each digit; centre [mm, in the frame of that link] and radius',
-              "# [mm] of the sphere with which it touches: measure your robot's.", 'digits:']
+              "# [mm] of the sphere with which it touches: measure your robot's. Another radius",
+              '# moves the centre, too: by as much, along the digit.', 'digits:']
     frames = robot.model.frames(robot.model.open_position())
     for role, digit in robot.anatomy.digits.items():
         centre, radius = robot.spheres[role]

@@ -14,6 +14,8 @@ import numpy as np
 from ..core.numerics.jit import jit
 from .robot_urdf import UrdfShape, UrdfTree
 
+STROKE_ANGLE = .5 * math.pi    # [rad] for which the stroke of a sliding joint counts; ours
+
 
 class Joints(NamedTuple):
     """Movable joints, parents first.
@@ -86,6 +88,21 @@ class RobotModel(NamedTuple):
     velocity: np.ndarray
     links: dict[str, LinkFrame]
     shapes: tuple[UrdfShape, ...]
+
+    @property
+    def per_radian(self) -> np.ndarray:
+        """What counts as a radian of each variable, shape (n,): 1, or a length where it slides [m].
+
+        So that one number limits turning and sliding joints; a whole stroke is `STROKE_ANGLE`.
+        """
+        found = np.ones(len(self.variables))
+        for name, is_prismatic in zip(self.joint_names, self.joints.is_prismatic):
+            if is_prismatic and name in self.variables:
+                i = self.variables.index(name)
+                stroke = self.upper[i] - self.lower[i]
+                if 0. < stroke < math.inf:
+                    found[i] = stroke / STROKE_ANGLE
+        return found
 
     def open_position(self) -> np.ndarray:
         """Return the positions of the variables nearest zero within their limits, shape (n,)."""

@@ -129,7 +129,7 @@ class Teleoperation:
         if missing:
             raise InvalidRobot(f'order: {", ".join(missing)} missing')
         self.guard = CommandGuard(model.variables, model.lower, model.upper, model.velocity,
-                                  robot.rest, options)
+                                  robot.rest, options, model.per_radian)
         self.fault = ''
         rows = [model.joint_names.index(name) for name in self.order]
         self._ordered_rows = rows

@@ -362,8 +362,30 @@ def test_what_is_not_finite_comes_in_and_never_out(bad):
     assert rig.guard.command(bad) is None or np.isfinite(bad)
 
 
+def test_sliding_joints_are_guarded_as_turning_ones_by_their_strokes():
+    length = .025   # [m] for a radian
+    turning, sliding = Rig(), Rig()
+    sliding.guard = CommandGuard(NAMES, length * LOWER, length * UPPER, length * SPEED,
+                                 length * REST, sliding.options, length)
+    beyond = UPPER + .2
+    assert sliding.tick(hand=length * HAND, robot=length * beyond) is None
+    assert 'outside its limits' in sliding.guard.engage(sliding.now)
+    turning.tick(robot=beyond)
+    for rig, scale in ((turning, 1.), (sliding, length)):
+        rig.tick(scale * HAND, scale * ROBOT_POSITION)
+        assert rig.guard.engage(rig.now) == ''
+    hands = [HAND + .4 * np.sin(.05 * frame) + (1.5 if frame == 300 else 0.)
+             for frame in range(600)] + [None] * 30
+    for hand in hands:
+        expected = turning.tick(hand)
+        found = sliding.tick(None if hand is None else length * hand, length * ROBOT_POSITION)
+        np.testing.assert_allclose(found, length * expected, atol=1e-12)
+        assert sliding.guard.state is turning.guard.state
+    assert sliding.guard.refused_jumps == turning.guard.refused_jumps == 1
+
+
 @pytest.mark.parametrize('fields, message', [
-    ({'max_speed': 0.}, 'max_speed: 0.0; allowed is 0.01 to 100 rad/s or m/s'),
+    ({'max_speed': 0.}, 'max_speed: 0.0; allowed is 0.01 to 100 rad/s'),
     ({'on_lost': 'open'}, "on_lost: 'open'; expected one of hold, stop"),
     ({'relax': 1}, 'relax: 1; expected true or false')])
 def test_options_are_checked(fields, message):

@@ -116,6 +116,17 @@ def test_a_command_has_the_order_that_is_asked_for_and_mimics_by_name(own_hand):
             Rig(GRIPPER, order=order)
 
 
+def test_a_gripper_eases_and_closes_by_its_stroke():
+    rig = Rig(GRIPPER).engaged()
+    open_hand, pinch = rig.hand.relaxed(), pose_angles('pinch', rig.hand)
+    places = [rig.tick(open_hand).position[0] for _ in range(400)]
+    assert rig.it.guard.state is GuardState.FOLLOWING
+    places += [rig.tick(pinch).position[0] for _ in range(200)]
+    # 0.02 rad from a limit, and 0.7 rad/s at first, where the stroke of 40 mm is a quarter turn.
+    assert min(places) <= .04 * .02 / (.5 * np.pi) + 1e-6
+    assert np.abs(np.diff(places[:40])).max() <= .04 * .7 / (.5 * np.pi) * STEP + 1e-9
+
+
 def test_a_hand_of_the_other_side_is_refused(own_hand):
     rig = Rig(urdf(wide_hand()), own_hand)
     left = [f'left_{joint}' for joint in JOINTS]
