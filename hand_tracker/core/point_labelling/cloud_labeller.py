@@ -138,6 +138,17 @@ def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, f
     return tried
 
 
+def _labelled_as(prototype: Prototype, track: HandTrack, points: np.ndarray, by_pairs: bool,
+                 free: np.ndarray | None) -> Finding:
+    """Return the hand of a prototype in the points of a track, and in those that are free, (n,)."""
+    rows = track.finding.rows
+    own = np.zeros(len(points), dtype=bool) if free is None else free.copy()
+    own[rows[rows >= 0]] = True
+    found = blank_finding(len(rows))
+    _search_points(prototype, points, own, 0, sys.maxsize, found, by_pairs)
+    return found
+
+
 def _is_typical(prototype: Prototype, finding: Finding) -> bool:
     """Return whether a hand that was found is like those that were learned."""
     limit = ACCEPTED_DISTANCE if palm_is_seen(prototype, finding.rows) else PAIR_DISTANCE
@@ -423,9 +434,7 @@ class CloudLabeller:
                 lead, found = other, wider
         if lead > 0.:
             # Labels that are wrong say little of the side: the best are compared.
-            free[mine] = True
-            anew = blank_finding(hand.count)
-            _search_points(hand.statistics, frame.points, free, 0, sys.maxsize, anew, by_pairs)
+            anew = _labelled_as(hand.statistics, hand.track, frame.points, by_pairs, free)
             if 2 * _count_common(anew, mine) > len(mine):
                 lead -= max(hand.track.finding.cost[0] - anew.cost[0], 0.)
         hand.side.add(lead, hand.track, found, frame.points)
@@ -437,11 +446,7 @@ class CloudLabeller:
         It may have points that are `free`, too.
         """
         assert hand.track is not None
-        rows = hand.track.finding.rows
-        own = np.zeros(len(points), dtype=bool) if free is None else free.copy()
-        own[rows[rows >= 0]] = True
-        found = blank_finding(hand.count)
-        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found, by_pairs)
+        found = _labelled_as(hand.mirrored, hand.track, points, by_pairs, free)
         return float(hand.track.finding.cost[0] - found.cost[0]), found
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:

@@ -213,35 +213,30 @@ def test_a_hand_of_the_other_side_that_begins_flat_is_given_up_as_it_bends(side)
             assert not found.found[0] and found.other_side[0], number
 
 
-def test_labels_that_others_have_long_been_better_than_are_exchanged():
+def check_exchanged_back(frames, start, end, trusted=None):
+    """Exchange two labels in a frame, trusted for a time [s]; check that all are right from end."""
     random = np.random.default_rng(3)
     labeller = CloudLabeller([prototype()])
     index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
-    for number, frame in enumerate(moving(600)):
+    for number, frame in enumerate(frames):
         points, rows = shuffled(frame, random)
         found = labeller.update(points, number / RATE)
-        if not 100 < number < 400:
+        if not start < number < end:
             assert np.array_equal(found.rows[0], rows), number
-        if number == 100:
+        if number == start:
             track = labeller._hands[0].track
             track.finding.rows[[index, thumb]] = rows[[thumb, index]]
             start_places(labeller._hands[0].statistics, points, track)
-            track.trusted_for[:] = .8
+            if trusted is not None:
+                track.trusted_for[:] = trusted
+
+
+def test_labels_that_others_have_long_been_better_than_are_exchanged():
+    check_exchanged_back(moving(600), 100, 400, trusted=.8)
 
 
 def test_labels_that_were_trusted_for_long_are_exchanged_as_soon_as_others():
-    random = np.random.default_rng(3)
-    labeller = CloudLabeller([prototype()])
-    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
-    for number, frame in enumerate(moving(1200, seed=2)):
-        points, rows = shuffled(frame, random)
-        found = labeller.update(points, number / RATE)
-        if not 700 < number < 1100:
-            assert np.array_equal(found.rows[0], rows), number
-        if number == 700:
-            track = labeller._hands[0].track
-            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
-            start_places(labeller._hands[0].statistics, points, track)
+    check_exchanged_back(moving(1200, seed=2), 700, 1100)
 
 
 def test_a_hand_that_is_lost_is_found_again():
