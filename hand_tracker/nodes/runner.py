@@ -282,11 +282,18 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
     known = {name for node in nodes for name in node.get_parameters_by_prefix('')}
     # rclpy lists them nowhere else.
     given = {name: node for node in nodes for name in getattr(node, '_parameter_overrides', ())}
-    for name, node in given.items():
-        if name not in known:
-            alike = get_close_matches(name, known, 1)
-            node.get_logger().warning(f"there is no parameter '{name}': left out"
-                                      + (f"; did you mean '{alike[0]}'?" if alike else ''))
+    for node in nodes:
+        unknown = [name for name, of_node in given.items()
+                   if of_node is node and name not in known]
+        alike = {name: get_close_matches(name, known, 1) for name in unknown}
+        for name in filter(alike.get, unknown):
+            node.get_logger().warning(f"there is no parameter '{name}': left out; "
+                                      f"did you mean '{alike[name][0]}'?")
+        # A file's section for every node may have many.
+        if others := [f"'{name}'" for name in unknown if not alike[name]]:
+            node.get_logger().warning(
+                f"there {'are no parameters' if others[1:] else 'is no parameter'} "
+                f"{', '.join(others)}: left out")
 
 
 def _leave(number: int, frame: Any) -> None:

@@ -16,6 +16,7 @@ from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.nodes import serialization
@@ -91,6 +92,14 @@ def most_on_fast_path(diagnostics):
 
 def joints():
     return [name.removeprefix('right_') for name in prefixed_names('right_').joints]
+
+
+def test_what_a_parameter_file_has_for_the_tracker_is_left_out_in_a_line(robot):
+    with NodeProcess(MODULE, {'robot': robot},
+                     files=[REPOSITORY / 'config' / 'tracker.yaml']) as process:
+        process.wait_for_line("there are no parameters 'calibration_file', 'auto_size', ")
+        assert 'not engaged; listening for the right hand' in process.output
+        assert process.interrupt() == 0, process.output
 
 
 def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
