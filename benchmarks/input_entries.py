@@ -48,7 +48,7 @@ from hand_tracker.files.bag_points import write_bag_points
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.files.hand_file import load_hand
 from hand_tracker.files.layout_file import load_layout
-from hand_tracker.files.parameter_file import node_parameters
+from hand_tracker.files.parameter_file import ParameterFile
 from hand_tracker.files.point_recording import Axes, PointRecording
 from hand_tracker.files.recordings import ReadingOptions, read_recording
 from hand_tracker.files.ros2_control import with_mock_hardware
@@ -301,7 +301,7 @@ ENTRIES: dict[str, Entry] = {
     'hand_file': partial(_in_file, load_hand, 'case.yaml'),
     'layout_file': partial(_in_file, load_layout, 'case.yaml'),
     'parameter_file': partial(
-        _in_file, lambda path: node_parameters(path, '/hand_tracker'), 'case.yaml'),
+        _in_file, lambda path: ParameterFile(path).parameters('/hand_tracker'), 'case.yaml'),
     'robot_file': partial(_in_file, _load_robot, 'case.yaml'),
     'urdf': partial(_in_file, _urdf, 'case.urdf'),
     **{message: partial(_message, kind) for message, kind in MARKER_MESSAGES.items()},

@@ -101,8 +101,8 @@ ARGUMENTS = (
     ArgumentRow('namespace', '',
                 'Namespace of nodes and topics, for a second hand; frames have the prefix'),
     ArgumentRow('parameters', '',
-                'Parameter file (YAML) for the tracker; it may set what arguments here set, but '
-                'an argument that differs is refused'),
+                'Parameter file (YAML) for the nodes hand_tracker, source and retarget; it may set '
+                'what arguments here set, but an argument that differs is refused'),
     ArgumentRow('publish_frequency', '1000.0',
                 'Most transforms a second of robot_state_publisher [Hz]; not below the rate of '
                 'the markers'),
@@ -254,7 +254,7 @@ def retargets(plan: LaunchPlan) -> list[Action]:
     """Return the drivers of robots; one that is not of the hand's side refuses by name."""
     if plan.has_robot:
         return []
-    return [node(plan, 'retarget', robot, namespace=hand.namespace,
+    return [node(plan, 'retarget', robot, file=plan.given['parameters'], namespace=hand.namespace,
                  remappings=plan.joint_remappings(hand))
             for hand, robot in zip(plan.hands, plan.robots) if robot['robot']]
 

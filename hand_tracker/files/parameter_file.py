@@ -1,6 +1,6 @@
-"""Parameter files of ROS 2 (YAML): the values that a node takes from one. No ROS."""
+"""Parameter files of ROS 2 (YAML): the values that nodes take from one. No ROS."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ SECTION = 'ros__parameters'
 
 
 class InvalidParameterFile(HandTrackerError, ValueError):
-    """A parameter file cannot be read, or holds nothing for the node."""
+    """A parameter file cannot be read, or holds nothing for the nodes."""
 
 
-def node_parameters(path: str | Path, node: str) -> dict[str, Any]:
-    """Return the parameters that a file sets for a node.
+class ParameterFile:
+    """A parameter file, of which each node takes what its sections set for it.
 
     Sections apply as in rclpy: in the order of the file, the last value of a parameter counts;
     in their names, `*` stands for one part and `**` for any number of parts.
@@ -26,38 +26,68 @@ def node_parameters(path: str | Path, node: str) -> dict[str, Any]:
     Parameters
     ----------
     path : path-like
-    node : str
-        Full name, as '/left/hand_tracker'.
-
-    Returns
-    -------
-    dict of str to object
-        Value of each parameter, by its dotted name.
 
     Raises
     ------
     InvalidParameterFile
-        If no section is for the node, or one is for a node of its name in another namespace only.
+        If it cannot be read.
     """
-    try:
-        tree = parse_plain_yaml(read_yaml_text(path))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise InvalidParameterFile(yaml_fault(path, error)) from None
-    sections = list(_sections(tree))
-    applied = [_applies(name, node) for name, _ in sections]
-    named = [name.rpartition('/')[2] == node.rpartition('/')[2] for name, _ in sections]
-    expected = f"expected '/**' or '{node}', and '{SECTION}' below it"
-    names = ', '.join(name or "''" for name, _ in sections)
-    if not any(applied):
-        raise InvalidParameterFile(f'{path}: for {names or "no node"}; {expected}')
-    if any(named) and not any(map(min, applied, named)):
-        raise InvalidParameterFile(
-            f'{path}: for {names}, of which none names the node {node}; {expected}')
-    values: dict[str, Any] = {}
-    for applies, (_, parameters) in zip(applied, sections):
-        if applies:
-            values.update(_flat(parameters))
-    return values
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = path
+        try:
+            tree = parse_plain_yaml(read_yaml_text(path))
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise InvalidParameterFile(yaml_fault(path, error)) from None
+        self._sections = list(_sections(tree))
+
+    def parameters(self, node: str, unlike: str = '') -> dict[str, Any]:
+        """Return the parameters that the file sets for a node.
+
+        Parameters
+        ----------
+        node : str
+            Full name, as '/left/hand_tracker'.
+        unlike : str, optional
+            Full name of another node: sections that stand for it too do not count.
+
+        Returns
+        -------
+        dict of str to object
+            Value of each parameter, by its dotted name.
+        """
+        values: dict[str, Any] = {}
+        for name, parameters in self._sections:
+            if _applies(name, node) and not (unlike and _applies(name, unlike)):
+                values.update(_flat(parameters))
+        return values
+
+    def require(self, nodes: Sequence[str]) -> None:
+        """Refuse a file that sets nothing for nodes that are started.
+
+        Parameters
+        ----------
+        nodes : sequence of str
+            Full names.
+
+        Raises
+        ------
+        InvalidParameterFile
+            If no section is for any of the nodes, or sections are for nodes of the name of some
+            of them, but in other namespaces only.
+        """
+        sections = [name for name, _ in self._sections]
+        names = ', '.join(name or "''" for name in sections) or 'no node'
+        expected = ' or '.join(f"'{name}'" for name in ('/**', *nodes))
+        expected = f"expected {expected}, and '{SECTION}' below it"
+        if not _any_applies(sections, nodes):
+            raise InvalidParameterFile(f'{self._path}: for {names}; {expected}')
+        for kind in dict.fromkeys(map(_last_part, nodes)):
+            named = [name for name in sections if _last_part(name) == kind]
+            of_kind = [node for node in nodes if _last_part(node) == kind]
+            if named and not _any_applies(named, of_kind):
+                raise InvalidParameterFile(f'{self._path}: for {names}, of which none names the '
+                                           f"node {' or '.join(of_kind)}; {expected}")
 
 
 def save_parameters(path: Path, heading: str, values: dict[str, Any]) -> None:
@@ -87,6 +117,14 @@ def _sections(tree: Any, name: str = '') -> Iterator[tuple[str, Any]]:
         for key, branch in tree.items():
             if key != SECTION:
                 yield from _sections(branch, f'{name}/{key}' if name else str(key))
+
+
+def _last_part(name: str) -> str:
+    return name.rpartition('/')[2]
+
+
+def _any_applies(sections: Sequence[str], nodes: Sequence[str]) -> bool:
+    return any(_applies(section, node) for section in sections for node in nodes)
 
 
 def _applies(section: str, node: str) -> bool:

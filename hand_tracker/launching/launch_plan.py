@@ -1,7 +1,6 @@
 """Plan of a launch by its arguments and its parameter file; contradictions are refused."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -16,7 +15,7 @@ from ..adapters.marker_messages import (
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..files.keystore import security_environment
-from ..files.parameter_file import node_parameters
+from ..files.parameter_file import ParameterFile
 from ..nodes.tracker_parameters import (
     AUTO,
     SEPARATE,
@@ -33,7 +32,7 @@ Value = TypeVar('Value')
 # Systems of which the tracker, or else a source node, takes the messages or packets.
 SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
 NO_PREFIX = 'none'  # as `ros2 launch` takes no empty value
-TRACKER_NAME, SOURCE_NAME = 'hand_tracker', 'source'
+TRACKER_NAME, SOURCE_NAME, RETARGET_NAME = 'hand_tracker', 'source', 'retarget'
 MARKERS_TOPIC = 'markers'
 # Parameters of the tracker that the URDF depends on, and the arguments that set them too.
 ARGUMENT_OF = {
@@ -128,7 +127,8 @@ class LaunchPlan:
             raise InvalidLaunch('rviz: rviz2 is not installed')
         self.publishes_links = is_installed('robot_state_publisher')
         self.broadcast = 'wrist' if self.publishes_links else 'all'
-        self.in_file = self._file_parameters()
+        self._file = self._parameter_file()
+        self.in_file = self._parameters_in_file(TRACKER_NAME)
         self.hand_parameters = self._shared_parameters()
         self.direct = self._direct_source()
         self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
@@ -140,13 +140,14 @@ class LaunchPlan:
                             if given['use_security'] == 'true' else {})
         self.mounts = self._mounts()
         self.on_body = self.agreed('on_body', any(map(any, self.mounts)), False)
-        self.should_show_robots = self.is_on('show_robot') and any(
-            (given['robot'], given['left_robot']))
-        self.shows_robots = (self.should_show_robots and self.publishes_links
+        self.shows_robots = (self.is_on('show_robot') and self.publishes_links
                              and is_installed('tf2_ros'))
         self.robots = [self._robot_parameters(hand) for hand in self.hands]
+        self.should_show_robots = self.is_on('show_robot') and any(
+            robot['robot'] for robot in self.robots)
         self.has_robot = self._drives_robot_in_tracker()
         self.has_source = self._takes_packets_in_tracker()
+        self._require_sections()
 
     def is_on(self, name: str) -> bool:
         """Return whether something is shown: by its argument, or with RViz when that is auto."""
@@ -165,17 +166,22 @@ class LaunchPlan:
         return '/'.join(('', *filter(None, self.given['namespace'].split('/')),
                          *filter(None, parts)))
 
-    def agreed(self, name: str, value: Value, default: Value) -> Value:
-        """Return a value from the parameter file, where its argument was left at the default."""
-        if name not in self.in_file:
+    def agreed(self, name: str, value: Value, default: Value, argument: str = '',
+               in_file: Mapping[str, Any] | None = None) -> Value:
+        """Return a value from the parameter file, where its argument was left at the default.
+
+        `in_file` has the parameters of the node in the file, where that is not the tracker.
+        """
+        in_file = self.in_file if in_file is None else in_file
+        if name not in in_file:
             return value
-        found = self.in_file[name]
+        found = in_file[name]
         if not isinstance(found, type(default)):
             raise InvalidLaunch(f'parameters: {name}: {found!r}; expected a value like {default!r}')
         if value not in (default, found):
             raise InvalidLaunch(
                 f'parameters: {name}: {found!r}, but by the argument '
-                f'{ARGUMENT_OF.get(name, name)} it is {value!r}; leave out one of them')
+                f'{argument or ARGUMENT_OF.get(name, name)} it is {value!r}; leave out one of them')
         return found
 
     @property
@@ -214,7 +220,7 @@ class LaunchPlan:
     def shown_robots(self) -> list[tuple[LaunchedHand, dict[str, Any]]]:
         """Each hand with the robot that is shown beside it."""
         return [(hand, robot) for hand, robot in zip(self.hands, self.robots)
-                if self.shows_robots and robot['robot']]
+                if self.shows_robots and robot['robot'] and robot['show_robot']]
 
     @property
     def own_source_parameters(self) -> dict[str, Any]:
@@ -241,12 +247,26 @@ class LaunchPlan:
             return []
         return [(name, self.full_name(name)) for name in ('joint_states', 'joint_confidence')]
 
-    def _file_parameters(self) -> dict[str, Any]:
-        """Return the tracker's parameters in the parameter file."""
-        if not self.given['parameters']:
-            return {}
+    def _parameter_file(self) -> ParameterFile | None:
         try:
-            return node_parameters(self.given['parameters'], self.full_name(TRACKER_NAME))
+            return ParameterFile(self.given['parameters']) if self.given['parameters'] else None
+        except HandTrackerError as error:
+            raise InvalidLaunch(f'parameters: {error}') from None
+
+    def _parameters_in_file(self, *node: str, unlike: str = '') -> dict[str, Any]:
+        """Return the parameters of a node in the parameter file, as `ParameterFile`."""
+        if self._file is None:
+            return {}
+        return self._file.parameters(self.full_name(*node), unlike and self.full_name(unlike))
+
+    def _require_sections(self) -> None:
+        """Refuse a parameter file with nothing for the nodes here."""
+        nodes = [(TRACKER_NAME,), *([(SOURCE_NAME,)] if self.given['source'] in SYSTEMS else []),
+                 *((hand.namespace, RETARGET_NAME) for hand, robot in zip(self.hands, self.robots)
+                   if robot['robot'])]
+        try:
+            if self._file is not None:
+                self._file.require([self.full_name(*node) for node in nodes])
         except HandTrackerError as error:
             raise InvalidLaunch(f'parameters: {error}') from None
 
@@ -304,11 +324,7 @@ class LaunchPlan:
     def _direct_source(self) -> DirectInput | None:
         if self.given['source'] not in SYSTEMS or self.given['markers'] != MARKERS_TOPIC:
             return None
-        in_file: dict[str, Any] = {}
-        if self.given['parameters']:
-            with suppress(HandTrackerError):  # there is nothing for the source node in it
-                in_file = node_parameters(self.given['parameters'], self.full_name(SOURCE_NAME))
-        return direct_input({**in_file, **self.source_parameters})
+        return direct_input({**self._parameters_in_file(SOURCE_NAME), **self.source_parameters})
 
     def _mounts(self) -> list[tuple[str, str]]:
         mounts = []
@@ -322,14 +338,33 @@ class LaunchPlan:
 
     def _robot_parameters(self, hand: LaunchedHand) -> dict[str, Any]:
         """Return the parameters of the node by which a hand drives its robot."""
-        robot, description = self.given['robot'], self.given['robot_description']
+        arguments = {'robot': 'robot', 'robot_description': 'robot_description'}
         if hand.namespace == 'left':
             # A robot file has the URDF of either side; a URDF is of one.
-            robot = self.given['left_robot'] or robot
-            description = self.given['left_robot_description']
-        return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
-                'wrist_frame': self.wrist_frame, 'on_body': self.on_body,
-                'robot': robot, 'robot_description': description, 'show_robot': self.shows_robots}
+            arguments = {'robot': 'left_robot' if self.given['left_robot'] else 'robot',
+                         'robot_description': 'left_robot_description'}
+        in_file = self._parameters_in_file(hand.namespace, RETARGET_NAME)
+        robot = {name: self.agreed(name, self.given[argument], '', argument, in_file)
+                 for name, argument in arguments.items()}
+        person = {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
+                  'wrist_frame': self.wrist_frame, 'on_body': self.on_body}
+        shown = self.shows_robots
+        if robot['robot']:
+            self._check_alike(hand.namespace, {**person, **self.common})
+            shown = self.agreed(
+                'show_robot', shown, self.given['show_robot'] == AUTO and shown, in_file=in_file)
+        return {**person, **robot, 'show_robot': shown}
+
+    def _check_alike(self, namespace: str, values: Mapping[str, Any]) -> None:
+        """Refuse a section for a retarget node by which it would differ from the tracker."""
+        # What a section says to the tracker too was judged there.
+        found = self._parameters_in_file(namespace, RETARGET_NAME, unlike=TRACKER_NAME)
+        for name, value in values.items():
+            if found.get(name, value) != value:
+                raise InvalidLaunch(
+                    f'parameters: {name}: {found[name]!r} for '
+                    f'{self.full_name(namespace, RETARGET_NAME)}; expected {value!r}, as the '
+                    'tracker has it')
 
     def _drives_robot_in_tracker(self) -> bool:
         """Return whether the tracker's process drives the robot too; refuse it where it cannot."""

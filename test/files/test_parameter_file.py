@@ -2,7 +2,7 @@
 
 import pytest
 
-from hand_tracker.files.parameter_file import InvalidParameterFile, node_parameters, save_parameters
+from hand_tracker.files.parameter_file import InvalidParameterFile, ParameterFile, save_parameters
 
 NODE = '/left/hand_tracker'
 
@@ -11,7 +11,9 @@ NODE = '/left/hand_tracker'
 def parameters(tmp_path):
     def read(text, node=NODE):
         (tmp_path / 'mine.yaml').write_text(text)
-        return node_parameters(tmp_path / 'mine.yaml', node)
+        file = ParameterFile(tmp_path / 'mine.yaml')
+        file.require([node])
+        return file.parameters(node)
     return read
 
 
@@ -56,13 +58,40 @@ def test_a_file_for_several_nodes_of_the_name(parameters):
     assert parameters(text, '/hand_tracker') == {'side': 'right'}
 
 
+def test_a_file_for_some_of_several_nodes(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('/right/retarget: {ros__parameters: {rate: 50.0}}')
+    file, both = ParameterFile(path), ['/right/retarget', '/left/retarget']
+    file.require(['/hand_tracker', *both])
+    assert [file.parameters(node) for node in both] == [{'rate': 50.}, {}]
+    with pytest.raises(InvalidParameterFile, match="expected '/\\*\\*' or '/hand_tracker', and"):
+        file.require(['/hand_tracker'])
+    path.write_text('{/**: {ros__parameters: {}}, retarget: {ros__parameters: {rate: 50.0}}}')
+    with pytest.raises(InvalidParameterFile,
+                       match='none names the node /right/retarget or /left/retarget; expected'):
+        ParameterFile(path).require(['/hand_tracker', *both])
+
+
+def test_what_a_file_sets_for_a_node_and_not_for_another(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text("""
+/**: {ros__parameters: {a: 1, b: 1}}
+/left/*: {ros__parameters: {b: 2}}
+/left/retarget: {ros__parameters: {c: 3}}
+""")
+    file = ParameterFile(path)
+    assert file.parameters('/left/retarget') == {'a': 1, 'b': 2, 'c': 3}
+    assert file.parameters('/left/retarget', unlike='/hand_tracker') == {'b': 2, 'c': 3}
+    assert file.parameters('/left/retarget', unlike=NODE) == {'c': 3}
+
+
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InvalidParameterFile, match='absent.yaml: No such file'):
-        node_parameters(tmp_path / 'absent.yaml', NODE)
+        ParameterFile(tmp_path / 'absent.yaml')
 
 
 def test_what_is_written_is_read_by_every_node(tmp_path):
     values = {'body_frame': 'hand', 'x': .25, 'qw': 1e-5, 'number': 3}
     save_parameters(tmp_path / 'mine.yaml', 'Where it rests.', values)
-    assert node_parameters(tmp_path / 'mine.yaml', NODE) == values
+    assert ParameterFile(tmp_path / 'mine.yaml').parameters(NODE) == values
     assert (tmp_path / 'mine.yaml').read_text().startswith('# Where it rests.\n')

@@ -83,6 +83,71 @@ def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
         plan_of(parameters=str(file), side='right')
 
 
+def test_the_parameter_file_may_choose_the_robot(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('retarget: {ros__parameters: {robot: plain, show_robot: true, rate: 50.0}}')
+    plan = plan_of(parameters=str(file))
+    robot, = plan.robots
+    assert (robot['robot'], robot['show_robot'], robot['side']) == ('plain', True, 'right')
+    assert plan.shown_robots == []
+    assert plan_of(parameters=str(file), robot='plain', rviz='true').shown_robots
+    assert plan_of(parameters=str(file), robot_process='tracker').has_robot
+    file.write_text('retarget: {ros__parameters: {robot: plain, show_robot: false}}')
+    assert plan_of(parameters=str(file), rviz='true').shown_robots == []
+    with pytest.raises(InvalidLaunch, match="robot: 'plain', but by the argument robot it is 'a'"):
+        plan_of(parameters=str(file), robot='a')
+
+
+def test_each_of_both_hands_has_its_section_of_the_parameter_file(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text("""
+/**: {ros__parameters: {side: both, hand_file: '', prefix: auto, robot: plain}}
+/mine/left/retarget: {ros__parameters: {robot: allegro, robot_description: a.urdf}}
+""")
+    plan = plan_of(parameters=str(file), namespace='mine')
+    assert [(robot['side'], robot['robot'], robot['robot_description']) for robot in plan.robots
+            ] == [('right', 'plain', ''), ('left', 'allegro', 'a.urdf')]
+    with pytest.raises(InvalidLaunch, match="'allegro', but by the argument left_robot it is 'a'"):
+        plan_of(parameters=str(file), namespace='mine', left_robot='a')
+    with pytest.raises(InvalidLaunch, match='none names the node /right/retarget or /left/reta'):
+        plan_of(parameters=str(file))
+
+
+@pytest.mark.parametrize('section, given, said', [
+    ('hand_file: b.yaml', {}, "hand_file: 'b.yaml' for /retarget; expected '', as the tracker"),
+    ('limits.preset: wide', {'limits': 'paper'}, "limits.preset: 'wide' for /retarget; expected "
+                                                 "'paper'"),
+    ('side: left', {}, "side: 'left' for /retarget; expected 'right'"),
+    ('prefix: my_', {'prefix': 'your_'}, "prefix: 'my_' for /retarget; expected 'your_'"),
+    ('wrist_frame: arm', {}, "wrist_frame: 'arm' for /retarget; expected 'auto'"),
+    ('on_body: false', {'body_frame': 'arm'}, 'on_body: False for /retarget; expected True'),
+    ('use_sim_time: true', {}, 'use_sim_time: True for /retarget; expected False'),
+    ('robot_description: b.urdf', {'robot_description': 'a.urdf'},
+     "robot_description: 'b.urdf', but by the argument robot_description it is 'a.urdf'"),
+    ('show_robot: false', {'show_robot': 'true'}, 'show_robot: False, but by the argument show_')])
+def test_a_robot_is_driven_by_the_hand_that_is_tracked(tmp_path, section, given, said):
+    file = tmp_path / 'mine.yaml'
+    file.write_text(f'{{/**: {{ros__parameters: {{stale: hold}}}}, '
+                    f'retarget: {{ros__parameters: {{{section}}}}}}}')
+    for process in 'own', 'tracker':
+        with pytest.raises(InvalidLaunch, match=said):
+            plan_of(parameters=str(file), robot='plain', robot_process=process, **given)
+    if 'robot_description' not in given:
+        plan_of(parameters=str(file), **given)  # retarget is not started
+
+
+def test_a_parameter_file_is_for_a_node_that_is_started(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('retarget: {ros__parameters: {outputs: joint_trajectory}}')
+    plan_of(parameters=str(file), robot='plain')
+    with pytest.raises(InvalidLaunch, match="for retarget; expected '/\\*\\*' or '/hand_tracker'"):
+        plan_of(parameters=str(file))
+    file.write_text('source: {ros__parameters: {port: 1}}')
+    plan_of(parameters=str(file), source='natnet')
+    with pytest.raises(InvalidLaunch, match='parameters: .*mine.yaml: for source; expected'):
+        plan_of(parameters=str(file))
+
+
 @pytest.mark.parametrize('given, said', [
     ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
     ({'side': 'both', 'source': 'landmarks'}, "source: 'landmarks'; expected another or none for"),

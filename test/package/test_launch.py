@@ -687,6 +687,38 @@ def test_each_of_both_hands_drives_a_robot_of_its_own(watch):
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_each_robot_takes_its_section_of_the_parameter_file_and_its_remappings(watch, tmp_path):
+    (tmp_path / 'mine.yaml').write_text('''
+/*/retarget: {ros__parameters: {safety.max_speed: 2.0}}
+/left/retarget: {ros__parameters: {outputs: position_array}}
+''')
+    (tmp_path / 'mine.launch.py').write_text(f'''
+from launch import LaunchDescription
+from launch.actions import GroupAction, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch_ros.actions import SetRemap
+
+
+def generate_launch_description():
+    return LaunchDescription([GroupAction([
+        SetRemap('/left/robot/position_array', '/hand_positions/commands'),
+        IncludeLaunchDescription(PythonLaunchDescriptionSource({str(LAUNCH)!r}))])])
+''')
+    with Launch(file=tmp_path / 'mine.launch.py', source='live', side='both', robot='plain',
+                parameters=tmp_path / 'mine.yaml') as process:
+        for side, outputs in (('right', 'joint_state'), ('left', 'position_array')):
+            process.wait_for_line(f'not engaged; listening for the {side} hand', FIRST_START)
+            speed, told = watch.call(
+                GetParameters, f'{side}/retarget/get_parameters', GetParameters.Request(
+                    names=['safety.max_speed', 'outputs'])).values
+            assert (speed.double_value, told.string_value) == (2., outputs)
+        watch.spin_until(lambda: watch.count_publishers('/hand_positions/commands')
+                         and watch.count_publishers('/right/robot/command'))
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+
+
+@launches
 @pytest.mark.skipif(not installed('controller_manager'), reason='no ros2_control')
 @pytest.mark.parametrize('controller', ['hand_positions', 'hand_trajectory'])
 def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch, controller):
