@@ -256,6 +256,7 @@ class CommandGuard:
 
     def _go(self, state: GuardState, reason: str) -> None:
         self.memory.state[0], self._reason = NUMBER_OF[state], reason
+        self.memory.reached[:] = 0
 
     def command(self, now: float) -> np.ndarray | None:
         """Return the command to send now, None where nothing is to be sent.

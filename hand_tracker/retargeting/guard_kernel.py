@@ -17,7 +17,7 @@ from .guard_options import GuardOptions
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
 GUARD_CAPACITY = 256    # joints at most
-REACHED = .1            # [rad] from the person's pose, from which the robot follows
+REACHED = .1            # [rad] from the person's pose, where a joint has reached it
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
 # States of the guard, by number
 DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
@@ -46,6 +46,8 @@ class GuardMemory(NamedTuple):
         Where the robot is [rad or m].
     inside : ndarray, shape (GUARD_CAPACITY,)
         Workspace.
+    reached : ndarray of int, shape (GUARD_CAPACITY,)
+        Whether each joint has reached the person's pose since easing began.
     has_wanted, has_robot, state, refused_values : ndarray of int, shape (1,)
         `refused_values` counts frames that were not finite.
     hand_time, wanted_time, command_time, reached_time, press_time, robot_time : ndarray, shape (1,)
@@ -71,6 +73,7 @@ class GuardMemory(NamedTuple):
     wanted_velocity: np.ndarray
     robot: np.ndarray
     inside: np.ndarray
+    reached: np.ndarray
     has_wanted: np.ndarray
     has_robot: np.ndarray
     state: np.ndarray
@@ -113,7 +116,8 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         'still', 'command', 'velocity', 'wanted', 'wanted_velocity', 'robot', 'inside')}
     return GuardMemory(
         joints=len(lower), lower=of_joints(lower), upper=of_joints(upper),
-        speed=of_joints(speed), per_radian=of_joints(per_radian), **still, **flags, **times,
+        speed=of_joints(speed), per_radian=of_joints(per_radian), **still,
+        reached=np.zeros(GUARD_CAPACITY, np.int64), **flags, **times,
         gate=new_jump_gate(
             GUARD_CAPACITY, of_joints(options.max_jump * per_radian), options.jump_frames),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
@@ -241,6 +245,9 @@ def start_step(guards: Pack[GuardMemory], now: float) -> float:
 def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
     """Move the command towards the wanted position; EASING becomes FOLLOWING once it is reached.
 
+    Each joint has to reach it once, not all of them in one frame: of a hand that moves, one or
+    another would always be late. None may be a jump away when the speed begins to rise.
+
     Parameters
     ----------
     guards : pack of GuardMemory
@@ -257,8 +264,10 @@ def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
     is_reached = True
     for i in range(guard.joints):
         guard.wanted_velocity[i] = 0.
-        is_reached = is_reached and (
-            abs(guard.command[i] - guard.wanted[i]) < REACHED * guard.per_radian[i])
+        away = abs(guard.command[i] - guard.wanted[i])
+        if away < REACHED * guard.per_radian[i]:
+            guard.reached[i] = 1
+        is_reached = is_reached and guard.reached[i] > 0 and away <= guard.gate.most[i]
     if guard.state[0] == EASING and is_reached:
         guard.state[0], guard.reached_time[0] = FOLLOWING, guard.command_time[0]
 

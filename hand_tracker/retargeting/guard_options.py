@@ -38,8 +38,8 @@ class GuardOptions:
     max_acceleration: float = number_option(
         500., .1, 1e4, 'rad/s²', 'Of every joint of a command')
     ease_speed: float = number_option(
-        .7, .01, 100., 'rad/s', "Of every joint until the robot has reached the person's "
-        'pose for the first time')
+        .7, .01, 100., 'rad/s', "Of every joint until each has reached the person's "
+        'pose once')
     max_jump: float = number_option(
         .7, .01, 10., 'rad', 'Of the wanted position from one frame to the next; larger '
         'jumps are not followed at once')

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.command_rules import CommandRules
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS, Hand
@@ -11,7 +12,12 @@ from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.command_guard import GuardState
-from hand_tracker.retargeting.follow_kernel import UNSTAMPED
+from hand_tracker.retargeting.follow_kernel import (
+    COMMANDED,
+    NOT_FOLLOWED,
+    UNSTAMPED,
+    follow_frame,
+)
 from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
@@ -244,3 +250,95 @@ def test_two_hands_drive_two_robots_independently(own_hand):
     assert left.it.guard.engage(left.now) == ''
     right.it.guard.disengage()
     assert right.tick() is None and left.tick(names=names) is not None
+
+
+class FaultyTracker:
+    """Joint states and deviations of a hand that moves, with a fault at a time."""
+
+    FAULTS = ('none', 'killed', 'frozen', 'late', 'nan', 'huge', 'short', 'other side', 'foreign',
+              'shuffled', 'jump', 'noise', 'clock back', 'unstamped', 'unsure', 'robot lost',
+              'robot lacks a joint', 'disengaged', 'released')
+
+    def __init__(self, hand, random):
+        self._rest, self._random, self._stamp = hand.relaxed(), random, 1
+        self._angles = self._rest
+
+    def frame(self, fault, now):
+        """Return names, angles and stamp of a frame, or None, and the time until the next [s]."""
+        random, names, step = self._random, RIGHT, float(self._random.uniform(.002, .02))
+        if fault != 'frozen':
+            self._stamp += 10_000_000
+            self._angles = self._rest + .4 * np.sin(now * np.linspace(1., 7., len(JOINTS)))
+        angles, stamp = self._angles, self._stamp
+        if fault == 'killed':
+            return None, .1
+        if fault == 'late':
+            step = float(random.uniform(.1, 3.))
+        elif fault == 'nan':
+            angles = np.where(random.random(len(JOINTS)) < .1, np.nan, angles)
+        elif fault == 'huge':
+            angles = angles * random.choice((1e300, -1e300, np.inf))
+        elif fault == 'short':
+            angles = angles[:-1]
+        elif fault == 'other side':
+            names = [name.replace('right', 'left') for name in names]
+        elif fault == 'foreign':
+            names = [f'joint_{i}' for i in range(len(names))]
+        elif fault == 'shuffled':
+            order = random.permutation(len(names))
+            names, angles = [names[i] for i in order], angles[order]
+        elif fault == 'jump':
+            angles = random.uniform(-5., 5., len(JOINTS))
+        elif fault == 'noise':
+            angles = angles + random.normal(scale=.3, size=len(JOINTS))
+        elif fault == 'clock back':
+            stamp, step = int(random.integers(1, self._stamp)), float(random.choice((-2., 0., 50.)))
+        elif fault == 'unstamped':
+            stamp = UNSTAMPED
+        return (names, angles, stamp), step
+
+
+@pytest.mark.parametrize('options', [
+    {}, {'on_lost': 'stop'}, {'relax': True, 'disengage_after': .1},
+    {'hold_to_engage': True, 'jump_frames': 2}])
+def test_ten_thousand_faults_of_the_tracker_break_no_rule(own_hand, options):
+    """As the node does, regular frames go to the one kernel, and all else to the parts."""
+    random = np.random.default_rng(1)
+    rig = Rig(urdf(wide_hand()), own_hand, options=GuardOptions(**options), min_confidence=.05)
+    guard, model = rig.it.guard, rig.loaded.hand.model
+    tracker = FaultyTracker(rig.hand, random)
+    rules = CommandRules(model.lower, model.upper, model.velocity, guard.options)
+    known = [.02] * len(RIGHT), [.5] * len(RIGHT)
+    position, seen, in_kernel = rig.loaded.hand.rest.copy(), set(), 0
+    for _ in range(2500):
+        fault = random.choice(tracker.FAULTS)
+        for _ in range(random.integers(1, 7)):
+            frame, step = tracker.frame(fault, rig.now)
+            if fault == 'disengaged':
+                guard.disengage()
+            elif fault != 'released':
+                guard.press(rig.now)
+            rules.expect(guard, position, rig.now)
+            rig.now += step
+            lacking = int(fault == 'robot lacks a joint')
+            if fault != 'robot lost':
+                rig.it.observe_robot(model.variables[lacking:], position[lacking:], rig.now)
+            rig.it.observe_deviations(RIGHT, known[fault == 'unsure'], known[1])
+            done = NOT_FOLLOWED
+            if frame and frame[0] is RIGHT and len(frame[1]) == len(RIGHT) and rig.it.is_following:
+                rig.it._retargeter.human.angles[0] = frame[1]
+                done = follow_frame(*rig.it.packs, frame[2], rig.now)
+                in_kernel += done == COMMANDED
+            if done == COMMANDED:
+                command = guard.present
+            else:
+                if frame and done == NOT_FOLLOWED:
+                    rig.it.observe_hand(*frame[:2], rig.now, frame[2])
+                sent = rig.it.command(rig.now)
+                command = None if sent is None else sent.position
+            seen.add(guard.state)
+            rules.check(guard, command, rig.now)
+            if command is not None:
+                position = command.copy()
+    assert rules.sent > 1000 and in_kernel > 300
+    assert seen == set(GuardState) - (set() if guard.options.relax else {GuardState.RELAXING})
