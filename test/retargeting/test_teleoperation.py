@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from helpers.allocations import counted_allocations
 from helpers.command_rules import CommandRules
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.urdf_file import urdf
@@ -31,6 +33,29 @@ RIGHT = [f'right_{joint}' for joint in JOINTS]
 ON_AN_ARM = urdf(wide_hand()).replace('</robot>', (
     '<link name="arm"/><joint name="bend" type="revolute"><parent link="arm"/>'
     '<child link="wrist"/><axis xyz="0 1 0"/><limit lower="-1" upper="1"/></joint></robot>'))
+
+# Prints by how many the allocations of followed frames are more than the arrays handed over.
+ALLOCATIONS = """
+import numpy as np
+from numba.core.runtime import rtsys
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.retargeting.follow_kernel import COMMANDED, UNSTAMPED, follow_frame
+from hand_tracker.retargeting.guard_options import GuardOptions
+from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.teleoperation import Teleoperation
+
+hand = Hand.scaled()
+one = Teleoperation(load_robot('plain'), hand, '', GuardOptions(require_robot_state=False))
+one.observe_hand(JOINTS, hand.relaxed(), 0.)
+assert one.guard.engage(0.) == ''
+packs, angles = one.packs, one._retargeter.human.angles
+for frame in range(1, 221):
+    if frame == 21:
+        before = rtsys.get_allocation_stats().alloc
+    angles[0] = hand.relaxed() + .3 * np.sin(.1 * frame)
+    assert follow_frame(*packs, UNSTAMPED, .01 * frame) == COMMANDED
+print(rtsys.get_allocation_stats().alloc - before - 200 * len(packs))
+"""
 
 
 class Rig:
@@ -342,3 +367,8 @@ def test_ten_thousand_faults_of_the_tracker_break_no_rule(own_hand, options):
                 position = command.copy()
     assert rules.sent > 1000 and in_kernel > 300
     assert seen == set(GuardState) - (set() if guard.options.relax else {GuardState.RELAXING})
+
+
+@pytest.mark.skipif(not COMPILED, reason='plain Python allocates')
+def test_kernels_allocate_nothing_while_they_follow():
+    assert counted_allocations(ALLOCATIONS) == ['0']

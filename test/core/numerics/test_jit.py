@@ -10,6 +10,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
+from helpers.allocations import counted_allocations
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import (
@@ -95,11 +96,7 @@ for name in ('paper8', 'sig18_19'):
 
 @pytest.mark.skipif(not COMPILED, reason='plain Python allocates')
 def test_kernels_allocate_nothing_while_they_track():
-    environment = {**os.environ, 'NUMBA_NRT_STATS': '1', 'PYTHONPATH': os.pathsep.join(
-        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
-    found = subprocess.run([sys.executable, '-c', ALLOCATIONS], check=True, env=environment,
-                           stdout=subprocess.PIPE, text=True)
-    assert found.stdout.split() == ['0', '0']
+    assert counted_allocations(ALLOCATIONS) == ['0', '0']
 
 
 def rows(tmp_path, switch):
