@@ -27,6 +27,7 @@ from .recording_options import (
     label_map,
     metres_per_unit,
     reading_options,
+    refuse_file_options,
 )
 
 TAKE_SUFFIX = '.npz'
@@ -98,6 +99,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
                           chosen_labels(options.markers, nameable), layout)
     for path in options.takes:
         if is_marker_bag(path, choice, bool(options.label)):
+            refuse_file_options(options, path)
             takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:

@@ -114,4 +114,4 @@ class DrivenRobot:
         save_robot_picture(output / 'robot.png', robot.name,
                            [pose(rows[i]) for i in spread_rows(len(rows), DRAWN_POSES)])
         print(f'  {output / "robot.gif"}, {output / "robot.png"}: {robot.name} beside the hand, '
-              f'{len(self.commands)} commands')
+              f'{len(self.commands)} commands; in the browser with --view')

@@ -196,6 +196,22 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
                           getattr(options, 'topic', None), options.frame_rate, options.subject)
 
 
+def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
+    """Refuse options of a command line that MarkerArrays, read message by message, do not heed.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the option and the recording.
+    """
+    given = vars(options)    # not every command has all
+    for name in ('up', 'handed', 'frame_rate', 'subject'):
+        if given.get(name) is not None:
+            raise HandTrackerError(
+                f"{path}: --{name.replace('_', '-')}: {given[name]}; expected for files of points "
+                'only: MarkerArrays are taken as they are, z up, right-handed, by their stamps')
+
+
 def metres_per_unit(options: argparse.Namespace) -> float:
     """Return the metres of a unit of the markers in MarkerArrays, which name none."""
     given = vars(options)    # not every command has all
@@ -259,6 +275,7 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
         layout if options.hand or options.layout else None,
         False if options.labels == WITHOUT_LABELS else None)
     if is_marker_bag(options.recording, choice, bool(given.get('label'))):
+        refuse_file_options(options, options.recording)
         texts = _label_texts([*given.get('label', ()), *equated(options.markers, layout.names)],
                              layout.names)
         labels = [LabelMap(texts, layout.names)] if len(sides) == 1 else label_maps(
