@@ -106,6 +106,7 @@ class CommandGuard:
         self.pack, self.memory = packed(new_guard_memory(
             *self._inner, most, self._per_radian, self.options))
         self._command[:] = self._rest
+        self.memory.robot[:self.memory.joints] = self._rest
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
         self.lacking = ''
@@ -148,6 +149,11 @@ class CommandGuard:
         """
         at_robot = not self.is_engaged and self.memory.has_robot[0]
         return (self.memory.robot if at_robot else self.memory.command)[:self.memory.joints].copy()
+
+    @property
+    def robot(self) -> np.ndarray:
+        """Where the robot was last by its joint states, at first at rest, shape (n,) [rad or m]."""
+        return self.memory.robot[:self.memory.joints].copy()
 
     @property
     def is_following(self) -> bool:

@@ -122,11 +122,9 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
         Changed.
     numbers, unknown : ndarray
         What they are, and what they would be of an angle of which nothing is known [rad].
-    rows : ndarray of int, shape (m,)
-        Those of the hand; of no use unless all its angles are there.
+    rows : ndarray of int, shape (25,)
+        Those of the hand's angles.
     """
-    if len(rows) < JOINT_COUNT:
-        return
     memory = memories[0]
     memory.is_confident[0] = (
         mean_confidence(numbers, rows, unknown) >= memory.min_confidence)

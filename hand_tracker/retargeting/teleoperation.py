@@ -50,17 +50,17 @@ class JointRows:
 
     Attributes
     ----------
-    rows : ndarray of int, shape (m,)
+    rows : ndarray of int, shape (len(wanted),)
         The last result of `find`.
     """
 
     def __init__(self, wanted: Sequence[str]) -> None:
         self._wanted = wanted
         self._names: tuple[str, ...] | None = None
-        self.rows = np.zeros(0, dtype=np.int64)
+        self.rows = np.full(len(wanted), -1)
 
     def find(self, names: Sequence[str]) -> tuple[np.ndarray, bool]:
-        """Return the rows of those of the wanted joints that are there, and whether names are new.
+        """Return the rows of the wanted joints, -1 where one is missing, and whether names are new.
 
         Parameters
         ----------
@@ -71,8 +71,7 @@ class JointRows:
         if is_new:
             row_of = {name: row for row, name in reversed(list(enumerate(names)))}
             self._names = names
-            self.rows = np.array([row_of[name] for name in self._wanted if name in row_of],
-                                 dtype=np.int64)
+            self.rows = np.array([row_of.get(name, -1) for name in self._wanted], dtype=np.int64)
         return self.rows, is_new
 
 
@@ -139,6 +138,9 @@ class Teleoperation:
              model.joints.offset[rows]), min_confidence, self.guard.options))
         self._hand_rows, self._deviation_rows = (JointRows(self._hand_names) for _ in range(2))
         self._robot_rows = JointRows(model.variables)
+        # Where the others are, as those of an arm, may be known to another driver alone.
+        self._needed = np.zeros(len(model.variables), dtype=bool)
+        self._needed[model.joints.variable[rows]] = True
 
     @property
     def refused_jumps(self) -> int:
@@ -163,8 +165,15 @@ class Teleoperation:
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows of the hand, its deviations and the robot in their last joint states."""
-        return self._hand_rows.rows, self._deviation_rows.rows, self._robot_rows.rows
+        """Rows of the hand, its deviations and the robot in their last joint states.
+
+        Of the robot -1 for a joint that is missing and not commanded; none of a message that does
+        not count.
+        """
+        hand, deviations, robot = (
+            self._hand_rows.rows, self._deviation_rows.rows, self._robot_rows.rows)
+        return (_rows_if(hand.min() >= 0, hand), _rows_if(deviations.min() >= 0, deviations),
+                _rows_if(robot[self._needed].min() >= 0, robot))
 
     def observe_hand(self, names: Sequence[str], angles: Sequence[float] | np.ndarray,
                      now: float, stamp: int = UNSTAMPED) -> bool:
@@ -183,7 +192,7 @@ class Teleoperation:
         """
         rows, is_new = self._hand_rows.find(names)
         if is_new:
-            self.fault = self._fault_of(names) if len(rows) < len(self._hand_names) else ''
+            self.fault = self._fault_of(names) if rows.min() < 0 else ''
         if self.fault or len(angles) != len(names):
             return False
         given = np.asarray(angles, dtype=float)[rows]
@@ -220,7 +229,7 @@ class Teleoperation:
             Of angles of which nothing is known; where it is not as long, nothing is [rad].
         """
         rows, _ = self._deviation_rows.find(names)
-        if len(deviations) != len(names):
+        if rows.min() < 0 or len(deviations) != len(names):
             return
         most = (np.array(unknown, dtype=float) if len(unknown) == len(names)
                 else np.full(len(names), np.nan))
@@ -229,7 +238,7 @@ class Teleoperation:
 
     def observe_robot(self, names: Sequence[str], positions: Sequence[float] | np.ndarray,
                       now: float) -> None:
-        """Take the robot's joint states; those that lack a joint are left out.
+        """Take the robot's joint states; those that lack a commanded joint are left out.
 
         Parameters
         ----------
@@ -242,10 +251,13 @@ class Teleoperation:
         rows, is_new = self._robot_rows.find(names)
         if is_new:
             self.guard.lacking = next(
-                (name for name in self._model.variables if name not in names), '')
-        if len(rows) < len(self._model.variables) or len(positions) != len(names):
+                (name for name, needed in zip(self._model.variables, self._needed)
+                 if needed and name not in names), '')
+        if self.guard.lacking or len(positions) != len(names):
             return
-        given = np.asarray(positions, dtype=float)[rows]
+        there = rows >= 0
+        given = self.guard.robot
+        given[there] = np.asarray(positions, dtype=float)[rows[there]]
         self.guard.observe_robot(given, now)
         if not self.guard.is_engaged and np.isfinite(given).all():
             # Joints that move no digit stay where the robot has them.
@@ -268,6 +280,11 @@ class Teleoperation:
     def present(self) -> np.ndarray:
         """Where the joints of a command are, by `CommandGuard.present`, shape (len(order),)."""
         return self._model.joint_positions(self.guard.present)[self._ordered_rows]
+
+
+def _rows_if(counts: bool, rows: np.ndarray) -> np.ndarray:
+    """Return rows if they count, else none."""
+    return rows if counts else np.zeros(0, dtype=np.int64)
 
 
 def compile_following(loaded: LoadedRobot, hand: Hand) -> None:

@@ -123,6 +123,15 @@ def test_an_inspected_robot_leaves_its_arm_to_another_controller(tmp_path):
     path.write_text(robot_file_text(found, str(tmp_path / 'arm.urdf')))
     rig = Rig(robot=str(path)).engaged()
     assert 'bend' not in rig.tick().names
+    # Where the arm is, its own driver may say, on another topic or on this one.
+    rig = Rig(robot=str(path))
+    rig.names, rig.position = rig.names[1:], rig.position[1:]
+    assert 'bend' in rig.loaded.hand.model.variables and 'bend' not in rig.names
+    for _ in range(600):
+        rig.it.observe_robot(['bend'], [.3], rig.now)
+        rig.tick()
+        rig.it.guard.press(rig.now)
+    assert rig.it.guard.state is GuardState.FOLLOWING
 
 
 def test_what_the_joint_states_of_the_robot_lack_is_named(own_hand):

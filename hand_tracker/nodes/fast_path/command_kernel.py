@@ -45,7 +45,8 @@ class ListedNumbers(NamedTuple):
     size, listed : ndarray of int, shape (1,)
         Bytes of the head, 0 where none is installed; positions.
     rows : ndarray of int, shape (GUARD_CAPACITY,)
-        Which of the positions count, in the order of whoever reads them.
+        Which of the positions count, in the order of whoever reads them; -1 for one that is not
+        there.
     used : ndarray of int, shape (1,)
         How many of them.
     numbers, effort : ndarray, shape (LISTED_CAPACITY,)
@@ -117,14 +118,16 @@ def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.nd
     Parameters
     ----------
     listed : ListedNumbers
-        Changed.
+        Changed, but by a message that does not count: another publisher's, whose layout stays.
     reader : JointStateReader
     rows : ndarray of int, shape (n,)
-        Which of the positions count.
+        Which of the positions count; none of a message that does not.
     """
+    if not len(rows):
+        return False
     head = reader.head
     listed.size[0] = 0
-    if len(head) > HEAD_CAPACITY or reader.count > LISTED_CAPACITY or not head or not len(rows):
+    if len(head) > HEAD_CAPACITY or reader.count > LISTED_CAPACITY or not head:
         return False
     listed.head[:len(head)] = np.frombuffer(head, np.uint8)
     listed.size[0], listed.listed[0] = len(head), reader.count
@@ -226,7 +229,8 @@ def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
     if not _read_numbers(listed, octets):
         return False
     for i in range(listed.used[0]):
-        command.position[i] = listed.numbers[listed.rows[i]]
+        row = listed.rows[i]
+        command.position[i] = listed.numbers[row] if row >= 0 else guards[0].robot[i]
     observe_position(guards, command.position, now)
     return True
 

@@ -152,6 +152,8 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
     # Of limits that a change has narrowed, and of a tracker that says nothing of the unknown.
     narrowed, silent = joint_state_template(NAMES, [.03] * len(NAMES)), joint_state_template(NAMES)
     robots = joint_state_template(model.joint_names)
+    # Of another driver on the same topic.
+    others = joint_state_template(model.joint_names[1:])
     at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
     for number, (angles, deviations, step) in enumerate(stream(2500, random)):
         now += step
@@ -162,6 +164,9 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
         for rig in rigs:
             if number % 700 < 600:
                 rig.robot(robots.fill(stamp, at), now)
+            if number % 50 < 3:
+                rig.robot(others.fill(stamp, at[1:]), now)
+                rig.robot(others.fill(stamp, at[1:] + 1.), now)
             rig.it.guard.press(now)
             answers.append(rig.hand(hands.fill(stamp, angles), now))
             if not rig.it.guard.is_engaged:
@@ -170,6 +175,7 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
             rig.deviations(of_frame.fill(stamp, deviations), now)
         assert answers[0] == answers[1], number
         assert rigs[0].it.guard.state is rigs[1].it.guard.state
+        np.testing.assert_array_equal(rigs[0].it.guard.robot, rigs[1].it.guard.robot)
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
         assert rigs[0].it.repeated_frames == rigs[1].it.repeated_frames
         assert rigs[0].it._memory.is_confident[0] == rigs[1].it._memory.is_confident[0]
