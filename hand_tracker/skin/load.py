@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import tempfile
 import zipfile
 from dataclasses import fields
 from os import PathLike
@@ -15,6 +14,7 @@ from ..core.errors import InvalidMesh
 from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
+from ..output_files import OutputError, write_whole
 from .signed_distance import hand_shape
 from .skinning import Skin, deform
 
@@ -177,12 +177,10 @@ def _read_cache(path: Path) -> SkinArrays | None:
 
 
 def _write_cache(path: Path, arrays: SkinArrays) -> None:
-    """Write the cache file atomically; do nothing if the folder cannot be written."""
+    """Write the cache file atomically; do nothing if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.part', delete=False) as file:
-            np.savez(file, **arrays._asdict())
-        os.replace(file.name, path)
+        write_whole(path, lambda unfinished: np.savez(unfinished, **arrays._asdict()))
     # The cache is optional.
-    except OSError:
+    except (OSError, OutputError):
         pass

@@ -1,5 +1,7 @@
 """The skin: a closed mesh that follows the bones as flesh does."""
 
+import resource
+
 import numpy as np
 import pytest
 import trimesh
@@ -173,7 +175,21 @@ def test_cache_gives_the_same_skin_and_damage_is_mended(skin, cache, monkeypatch
     np.testing.assert_array_equal(mended.weights, skin.weights)
     monkeypatch.setattr(load, 'generated_arrays', None)  # not made, but found
     np.testing.assert_array_equal(load_skin(HAND).weights, skin.weights)
-    assert list(cache.glob('*.part')) == []
+    assert list(cache.iterdir()) == [path]
+
+
+def test_a_skin_that_cannot_be_kept_leaves_nothing_on_the_disk(tmp_path):
+    arrays = load.SkinArrays(np.zeros((5000, 3)), np.zeros((5000, 3), int), np.zeros((5000, 9)))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for room in (10, 100_000):  # [bytes] neither the first array fits, nor all
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            load._write_cache(tmp_path / 'skin.npz', arrays)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert list(tmp_path.iterdir()) == []
+    load._write_cache(tmp_path / 'skin.npz', arrays)
+    assert [path.name for path in tmp_path.iterdir()] == ['skin.npz']
 
 
 def test_other_hands_have_other_skins(skin, cache):
