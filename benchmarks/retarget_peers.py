@@ -69,7 +69,22 @@ class Peer:
         return [names.index(name) for name in self.robot.model.variables]
 
 
-class Dexi(Peer):
+class VectorPeer(Peer):
+    """A peer that is built anew to start, and retargets vectors between landmarks."""
+
+    def build_by(self, solver_of):
+        self.solver_of = solver_of
+        self.start()
+        self.order = self.order_among(list(self.solver.joint_names))
+
+    def start(self):
+        self.solver = self.solver_of()
+
+    def call(self, vectors):
+        return self.solver.retarget(vectors)
+
+
+class Dexi(VectorPeer):
     """dexi-rs without its filter."""
 
     def __init__(self, robot, path, setup):
@@ -86,24 +101,16 @@ class Dexi(Peer):
                      'target_task_link_names': self.tips,
                      'target_link_human_indices': [[WRIST] * count, self.rows]}
         self.pairs = np.array([WRIST, *self.rows])[np.array(pairs)].T
-        self.solver_of = lambda: dexi_rs.RetargetingConfig(
+        self.build_by(dexi_rs.RetargetingConfig(
             setup.kind, path.name, urdf_dir=str(path.parent), scaling_factor=self.scale,
-            low_pass_alpha=NO_FILTER, **links).build()
-        self.start()
-        self.order = self.order_among(list(self.solver.joint_names))
-
-    def start(self):
-        self.solver = self.solver_of()
+            low_pass_alpha=NO_FILTER, **links).build)
 
     def arguments(self, landmarks, rate):
         origins, ends = (landmarks @ DEX_AXES)[:, self.pairs].swapaxes(0, 1)
         return [(row,) for row in (ends - origins).reshape(len(landmarks), -1).tolist()]
 
-    def call(self, vectors):
-        return self.solver.retarget(vectors)
 
-
-class DexRetargeting(Peer):
+class DexRetargeting(VectorPeer):
     """dex-retargeting without its filter.
 
     Parameters
@@ -125,21 +132,13 @@ class DexRetargeting(Peer):
         # It warns of every mesh that is not there, and uses none.
         logging.getLogger('dex_retargeting').setLevel(logging.ERROR)
         self.method = f'dex-retargeting {kind}'
-        self.solver_of = lambda: RetargetingConfig.load_from_file(
-            config, {'urdf_path': str(path.resolve()), 'low_pass_alpha': NO_FILTER}).build()
-        self.start()
-        self.order = self.order_among(list(self.solver.joint_names))
-
-    def start(self):
-        self.solver = self.solver_of()
+        self.build_by(lambda: RetargetingConfig.load_from_file(
+            config, {'urdf_path': str(path.resolve()), 'low_pass_alpha': NO_FILTER}).build())
 
     def arguments(self, landmarks, rate):
         origins, ends = (landmarks @ DEX_AXES)[
             :, self.solver.optimizer.target_link_human_indices].swapaxes(0, 1)
         return [(row,) for row in ends - origins]
-
-    def call(self, vectors):
-        return self.solver.retarget(vectors)
 
 
 class Mink(Peer):
