@@ -19,7 +19,7 @@ import yaml
 from ..core.model.hand import JOINTS, SIDES
 from ..files.plain_yaml import parse_plain_yaml, read_yaml_text, yaml_fault
 from ..package_data import share_directory
-from .dexretargeting_file import translated
+from .dexretargeting_file import DEX_SECTION, find_urdf, translated
 from .retarget_options import RetargetOptions
 from .robot_anatomy import ROLES, find_anatomy
 from .robot_hand import Follow, RobotHand, tip_spheres
@@ -90,8 +90,10 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
                                f'{", ".join(preset_names())}')
     settings = _read_settings(path)
     notes: tuple[str, ...] = ()
-    if 'retargeting' in settings:
-        settings, notes = translated(settings['retargeting'], str(path))
+    if DEX_SECTION in settings:
+        settings, notes = translated(settings, str(path))
+        if not urdf:
+            settings['urdf'] = find_urdf(settings['urdf'], path)
     given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
     if not given:
         raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF "

@@ -175,6 +175,49 @@ def test_files_of_dex_retargeting_are_read_as_they_are(kind, hand_urdf, tmp_path
     assert ('index_middle: vectors to links other than tips' in told) == (kind == 'vector')
 
 
+def test_what_is_not_used_of_a_file_of_dex_retargeting_is_said_once_and_why(hand_urdf, tmp_path):
+    path = tmp_path / 'dex.yml'
+    path.write_text(yaml.safe_dump({'options': {'touch': .01}, 'retargeting': {
+        'type': 'vector', 'urdf_path': 'hand.urdf', **DEX['vector'], 'palm': 1,
+        'finger_tip_link_names': TIPS, 'wrist_link_name': None, 'target_joint_names': ['a', 'b'],
+        'add_dummy_free_joint': True, 'scaling_factor': 1.6, 'normal_delta': .004,
+        'huber_delta': .02, 'project_dist': .03, 'escape_dist': .05, 'has_joint_limits': True,
+        'ignore_mimic_joint': False, 'low_pass_alpha': .2}}))
+    told = [note.partition(': not used')[::2] for note in load_robot(str(path)).notes
+            if ': not used' in note]
+    assert [part for part, _ in told] == [
+        'wrist', 'add_dummy_free_joint True', 'escape_dist 0.05', 'finger_tip_link_names',
+        'has_joint_limits True', 'huber_delta 0.02', 'ignore_mimic_joint False',
+        'low_pass_alpha 0.2', 'normal_delta 0.004', 'project_dist 0.03', 'scaling_factor 1.6',
+        'target_joint_names', "'options', 'palm'"]
+    why = dict(told)
+    assert why['wrist'] == ' as the wrist; the palm is found by geometry'
+    assert why['escape_dist 0.05'] == '; tips are free by the option escape of a robot file'
+    assert 'type vector is read by target_origin' in why['finger_tip_link_names']
+    assert why["'options', 'palm'"] == '; files of dex-retargeting have no such key'
+
+
+def test_a_urdf_of_dex_retargeting_is_found_beside_the_file_or_above_it(hand_urdf, tmp_path):
+    path = tmp_path / 'configs' / 'teleop' / 'dex.yml'
+    path.parent.mkdir(parents=True)
+
+    def found(text, urdf=''):
+        path.write_text(yaml.safe_dump({'retargeting': {
+            'type': 'dexpilot', 'urdf_path': text, **DEX['DexPilot']}}))
+        return load_robot(str(path), urdf).urdf
+
+    above, beside = tmp_path / 'hands' / 'hand.urdf', path.parent / 'hand.urdf'
+    above.parent.mkdir()
+    beside.write_text(hand_urdf.read_text())
+    hand_urdf.rename(above)
+    assert found('hands/hand.urdf') == str(above) == found(str(above))
+    assert found('hand.urdf') == str(beside)
+    with pytest.raises(InvalidRobot, match="there is no 'my/hand.urdf' beside this file or in a "
+                                           'folder above .* URDF directory .*--robot-description'):
+        found('my/hand.urdf')
+    assert found('my/hand.urdf', str(above)) == str(above)
+
+
 def test_a_gripper_of_dex_retargeting_has_its_tips_as_origin_and_task(tmp_path):
     (tmp_path / 'gripper.urdf').write_text(GRIPPER)
     path = tmp_path / 'dex.yml'
