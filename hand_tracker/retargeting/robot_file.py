@@ -22,7 +22,7 @@ from ..package_data import share_directory
 from .dexretargeting_file import DEX_SECTION, find_urdf, translated
 from .retarget_options import RetargetOptions
 from .robot_anatomy import ROLES, find_anatomy
-from .robot_hand import Follow, RobotHand, tip_spheres
+from .robot_hand import Follow, RobotHand, guess_notes, tip_spheres
 from .robot_model import RobotModel, robot_model
 from .robot_paths import resolve_path
 from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
@@ -43,6 +43,8 @@ class LoadedRobot(NamedTuple):
         Names of the joints in the order of commands without names.
     notes : tuple of str
         What a person should know: what the geometry left open, what of a file is not used.
+    guesses : mapping of str to tuple of str
+        Keys in `DIGIT_KEYS` whose values are guessed, by role.
     urdf : str
         Path of its URDF; empty where that was given as XML.
     """
@@ -51,6 +53,7 @@ class LoadedRobot(NamedTuple):
     options: RetargetOptions
     order: tuple[str, ...]
     notes: tuple[str, ...]
+    guesses: Mapping[str, tuple[str, ...]]
     urdf: str = ''
 
 
@@ -152,7 +155,7 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
             place = model.links[anatomy.digits[role].tip_link]
             centres[role] = place.translation + place.rotation @ centre
-    spheres, guesses = tip_spheres(model, anatomy, tree.spheres, radii, centres)
+    spheres, guessed = tip_spheres(model, anatomy, tree.spheres, radii, centres)
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
                      _rest(settings, model, source), _follow(settings, model, source))
     order = settings.get('order') or model.variables
@@ -162,8 +165,11 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     if unknown:
         raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "
                            f'{", ".join(model.joint_names)}')
+    # A centre that is not given goes with the radius.
+    guesses = {role: ('radius_mm',) if role in centres else ('tip_offset_mm', 'radius_mm')
+               for role in guessed}
     return LoadedRobot(hand, _options(settings, source), tuple(order),
-                       (*anatomy.unsure, *guesses))
+                       (*anatomy.unsure, *guess_notes(hand, guessed)), guesses)
 
 
 def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:

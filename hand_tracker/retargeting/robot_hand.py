@@ -156,7 +156,7 @@ def robot_hand(tree: UrdfTree, tips: dict[str, str] | None = None,
 def tip_spheres(model: RobotModel, anatomy: RobotAnatomy, known: dict[str, float],
                 radii: dict[str, float], centres: dict[str, np.ndarray]
                 ) -> tuple[dict[str, TipSphere], tuple[str, ...]]:
-    """Return the spheres at the tips, by role, and what a person should know of their radii.
+    """Return the spheres at the tips, by role, and the roles whose radius is guessed.
 
     A sphere ends at its digit's tip. Those of a gripper touch where it is closed.
 
@@ -177,11 +177,9 @@ def tip_spheres(model: RobotModel, anatomy: RobotAnatomy, known: dict[str, float
     if anatomy.is_gripper:
         at = {role: centres.get(role, digit.tip) for role, digit in digits.items()}
         guess = min(.5 * _least_gap(model, anatomy, at), TIP_RADIUS_RANGE[1])
-        how = 'half of what is between the two where the gripper is closed'
     else:
         lengths = [digit.length for digit in digits.values()]
         guess = float(np.clip(TIP_RADIUS_SHARE * np.median(lengths), *TIP_RADIUS_RANGE))
-        how = f'guessed, {100. * TIP_RADIUS_SHARE:.0f} % of a digit: measure it, set radius_mm'
     spheres = {}
     for role, digit in digits.items():
         radius = radii.get(role, guess)
@@ -192,9 +190,26 @@ def tip_spheres(model: RobotModel, anatomy: RobotAnatomy, known: dict[str, float
                 digit.bones[-1].joint == digit.joints[-1]):
             centre = digit.tip - radius * digit.bones[-1].direction
         spheres[role] = TipSphere(centre, radius)
-    if not guessed or (anatomy.is_gripper and guess < NOTED_PAD_RADIUS):
-        return spheres, ()
-    return spheres, (f'radius at the tip of {", ".join(guessed)}: {1e3 * guess:.1f} mm, {how}',)
+    return spheres, tuple(guessed)
+
+
+def guess_notes(robot: RobotHand, guessed: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what a person should know of guessed radii.
+
+    Parameters
+    ----------
+    robot : RobotHand
+    guessed : tuple of str
+        Roles, as from `tip_spheres`.
+    """
+    if not guessed:
+        return ()
+    radius, is_gripper = robot.spheres[guessed[0]].radius, robot.anatomy.is_gripper
+    if is_gripper and radius < NOTED_PAD_RADIUS:
+        return ()
+    how = ('half of what is between the two where the gripper is closed' if is_gripper else
+           f'guessed, {100. * TIP_RADIUS_SHARE:.0f} % of a digit: measure it, set radius_mm')
+    return (f'radius at the tip of {", ".join(guessed)}: {1e3 * radius:.1f} mm, {how}',)
 
 
 def _least_gap(model: RobotModel, anatomy: RobotAnatomy,

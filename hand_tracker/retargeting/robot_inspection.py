@@ -69,7 +69,11 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
               f'side: {robot.side}', '',
               '# Link at the tip of each digit; centre [mm, in the frame of that link] and radius',
               "# [mm] of the sphere with which it touches: measure your robot's. Another radius",
-              '# moves the centre, too: by as much, along the digit.', 'digits:']
+              '# moves the centre, too: by as much, along the digit.']
+    if loaded.guesses:
+        lines += ['# What is behind the braces is guessed anew as this file is loaded, and told as',
+                  '# unsure. A measured radius_mm within them ends that; the centre goes with it.']
+    lines.append('digits:')
     frames = robot.model.frames(robot.model.open_position())
     for role, digit in robot.anatomy.digits.items():
         centre, radius = robot.spheres[role]
@@ -77,8 +81,12 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
         rotation, place = robot.model.link_pose(digit.tip_link, frames)
         world = frames[1][last] + frames[0][last] @ centre
         offset = [round(1e3 * float(v), DECIMALS_MM) + 0. for v in rotation.T @ (world - place)]
-        lines.append(f'  {role}: {{tip: {_text(digit.tip_link)}, tip_offset_mm: {offset}, '
-                     f'radius_mm: {round(1e3 * radius, DECIMALS_MM)}}}')
+        values = {'tip': _text(digit.tip_link), 'tip_offset_mm': offset,
+                  'radius_mm': round(1e3 * radius, DECIMALS_MM)}
+        guessed = loaded.guesses.get(role, ())
+        given, behind = (', '.join(f'{key}: {value}' for key, value in values.items()
+                                   if (key in guessed) == is_guess) for is_guess in (False, True))
+        lines.append(f'  {role}: {{{given}}}' + (f'  # guessed: {behind}' if behind else ''))
     lines += ['', '# Positions at rest [rad or m].', 'rest:']
     lines += [f'  {_text(name)}: {round(float(value), 6) + 0.}'
               for name, value in zip(robot.model.variables, robot.rest)]

@@ -1,10 +1,12 @@
 """Robot files: presets, dex-retargeting's files, what inspecting writes, and clear refusals."""
 
+import re
+
 import numpy as np
 import pytest
 import yaml
 from helpers.capture_files import capture_folder
-from helpers.robots import GRIPPER, wide_hand
+from helpers.robots import GRIPPER, PARALLEL_GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.files.urdf_file import urdf
@@ -70,6 +72,7 @@ def test_what_inspecting_writes_is_the_same_robot(hand_urdf, tmp_path):
     (tmp_path / 'written.yaml').write_text(text)
     again = load_robot(str(tmp_path / 'written.yaml'))
     assert again.order == found.order and again.hand.side == 'right'
+    assert again.notes == found.notes != ()
     for role, (centre, radius) in found.hand.spheres.items():
         np.testing.assert_allclose(again.hand.spheres[role].centre, centre, atol=1e-5)
         assert again.hand.spheres[role].radius == pytest.approx(radius, abs=1e-5)
@@ -92,6 +95,39 @@ def test_radii_that_are_guessed_are_told(hand_urdf, tmp_path):
             '</robot>')))
     loaded = load_robot(robot_file(tmp_path, {'digits': given}))
     assert loaded.notes == () and loaded.hand.spheres['index'].radius == .007
+
+
+@pytest.mark.parametrize('settings', [{}, {'index': {'tip_offset_mm': [1, 2, 3]}}])
+def test_a_guessed_radius_is_told_of_a_written_file_until_it_is_measured(
+        settings, hand_urdf, tmp_path):
+    found = load_robot(robot_file(tmp_path, {'digits': settings}))
+    written = tmp_path / 'written.yaml'
+    written.write_text(robot_file_text(found, str(hand_urdf)))
+    again = load_robot(str(written))
+    assert again.notes == found.notes and 'guessed' in again.notes[0]
+    assert robot_file_text(again, str(hand_urdf)) == written.read_text()
+    written.write_text(re.sub(r"(tip: '\w+')", r'\1, radius_mm: 7', written.read_text()))
+    measured = load_robot(str(written))
+    assert measured.notes == () and measured.guesses == {}
+    for role, (centre, radius) in measured.hand.spheres.items():
+        guess = found.hand.spheres[role]
+        assert radius == .007
+        # The sphere still ends at the tip, where its centre is not given.
+        assert np.linalg.norm(centre - guess.centre) == pytest.approx(
+            0. if role in settings else guess.radius - .007, abs=1e-9)
+
+
+@pytest.mark.parametrize('gripper', [GRIPPER, PARALLEL_GRIPPER])
+def test_what_inspecting_writes_of_a_gripper_is_the_same_gripper(gripper, tmp_path):
+    urdf_path = tmp_path / 'gripper.urdf'
+    urdf_path.write_text(gripper)
+    found = load_robot(str(urdf_path))
+    (tmp_path / 'written.yaml').write_text(robot_file_text(found, str(urdf_path)))
+    again = load_robot(str(tmp_path / 'written.yaml'))
+    assert again.notes == found.notes and again.guesses == found.guesses
+    for role, (centre, radius) in found.hand.spheres.items():
+        np.testing.assert_allclose(again.hand.spheres[role].centre, centre, atol=1e-9)
+        assert again.hand.spheres[role].radius == pytest.approx(radius, abs=1e-9)
 
 
 def test_joints_follow_human_joints(hand_urdf, tmp_path):
