@@ -59,5 +59,6 @@ def robot_pose(title: str, landmarks: np.ndarray, robot: RobotHand,
     position : ndarray, shape (n,)
         Of its variables [rad or m].
     """
+    radii = [sphere.radius for sphere in robot.spheres.values()]
     return RobotPose(title, {role: landmarks[digit_landmarks(role)] for role in ROLES},
-                     robot.chains(position))
+                     robot.chains(position), list(zip(robot.tip_positions(position), radii)))

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 
 from .images import figure_image, save_gif
 from .palette import DIGIT_COLOURS, GREY, GRID, INK, MUTED
@@ -20,6 +21,7 @@ PALM_MARGIN = 6.   # [mm] around what is drawn
 LEAST_PANEL = 1.2  # [inches] height, of the names of its axes
 ROBOT_MARGINS = 1.8  # [inches] for titles, names of axes and the legend
 SHOWN_AXES = 'distal', 'across', 'dorsal'  # the palm's x, y and z
+SPHERE_ALPHA = .3  # [1]
 
 
 class PalmView(NamedTuple):
@@ -56,11 +58,14 @@ class RobotPose(NamedTuple):
     title : str
     human, robot : dict of str to ndarray, shape (k, 3)
         Points of each digit from its root to its tip, by role [m].
+    spheres : sequence of tuple
+        Centre (3,) and radius of each sphere with which the robot touches [m].
     """
 
     title: str
     human: dict[str, np.ndarray]
     robot: dict[str, np.ndarray]
+    spheres: Sequence[tuple[np.ndarray, float]] = ()
 
 
 class DigitLines:
@@ -128,17 +133,24 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
                 ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}\n{SHOWN_AXES[view.up]} [mm]',
                               fontsize=7, color=MUTED)
             if hand == 'robot':
+                for centre, radius in pose.spheres:
+                    ax.add_patch(Circle(view.flat(centre[None])[0], 1e3 * radius, color=MUTED,
+                                        alpha=SPHERE_ALPHA, linewidth=0.))
                 ax.set_xlabel(f'{SHOWN_AXES[view.across]} [mm]', fontsize=7, color=MUTED)
-    _draw_legend(figure, poses[0])
+    _draw_legend(figure, poses[0], bool(poses[0].spheres))
     figure.savefig(path, metadata={'Software': None})
 
 
-def _draw_legend(figure: Figure, pose: RobotPose) -> None:
-    """Draw the colours of the digits below the axes."""
+def _draw_legend(figure: Figure, pose: RobotPose, has_spheres: bool) -> None:
+    """Draw the colours of the digits, and of spheres where they are drawn, below the axes."""
     roles = [role for role in COLOUR_OF if role in pose.human or role in pose.robot]
     handles = [Line2D([], [], linewidth=3., marker='o', markersize=3.5, color=COLOUR_OF[role],
                       label=role) for role in roles]
     handles.append(Line2D([], [], linewidth=1., color=GREY, label='palm, to the roots'))
+    if has_spheres:
+        handles.append(Line2D([], [], linestyle='', marker='o', markersize=9., color=MUTED,
+                              markeredgewidth=0., alpha=SPHERE_ALPHA,
+                              label='sphere with which a tip touches'))
     figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False,
                   fontsize=8, labelcolor=INK)
 
@@ -173,7 +185,7 @@ def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[R
             if not column:
                 ax.set_ylabel(f'{view.name} [mm]', fontsize=8, color=MUTED)
             lines.append((hand, DigitLines(ax, list(getattr(poses[0], hand)), view)))
-    _draw_legend(figure, poses[0])
+    _draw_legend(figure, poses[0], False)
     clock = figure.text(.99, .985, '', ha='right', va='top', color=INK, fontsize=9)
     images = []
     for pose in poses:
@@ -194,7 +206,8 @@ def _limits(poses: Sequence[RobotPose], hands: Sequence[str],
             view: PalmView) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the limits across and up within which hands are in all poses [mm]."""
     points = np.concatenate([np.zeros((1, 3)), *(
-        digit for pose in poses for hand in hands for digit in getattr(pose, hand).values())])
+        digit for pose in poses for hand in hands for digit in getattr(pose, hand).values()), *(
+        centre + ((-radius,), (radius,)) for pose in poses for centre, radius in pose.spheres)])
     flat = view.flat(points)
     lower, upper = flat.min(axis=0) - PALM_MARGIN, flat.max(axis=0) + PALM_MARGIN
     across = (upper[0], lower[0]) if view.to_left else (lower[0], upper[0])

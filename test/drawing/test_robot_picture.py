@@ -1,6 +1,7 @@
 """The picture and the animation of a person and a robot: both hands are in it, to one scale."""
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from hand_tracker.drawing import robot_picture
@@ -30,15 +31,20 @@ def test_the_animation_shows_both_hands_move(tmp_path):
         assert moved.sum() > 100 and not moved[:, still].any()
 
 
-def test_the_picture_has_a_legend_units_and_one_scale(tmp_path, monkeypatch):
-    figures = []
-    make = robot_picture.Figure
+@pytest.fixture
+def figures(monkeypatch):
+    """Keep the figures that are drawn."""
+    kept, make = [], robot_picture.Figure
 
-    def kept(*args, **options):
-        figures.append(make(*args, **options))
-        return figures[-1]
+    def keep(*args, **options):
+        kept.append(make(*args, **options))
+        return kept[-1]
 
-    monkeypatch.setattr(robot_picture, 'Figure', kept)
+    monkeypatch.setattr(robot_picture, 'Figure', keep)
+    return kept
+
+
+def test_the_picture_has_a_legend_units_and_one_scale(tmp_path, figures):
     finger = np.array(((.08, 0., 0.), (.12, .01, 0.), (.16, .01, -.02)))
     save_robot_picture(tmp_path / 'robot.png', 'hal', [RobotPose(
         'open', {'index': finger, 'little': finger - (0., .05, 0.)}, {'index': 1.5 * finger})])
@@ -54,3 +60,18 @@ def test_the_picture_has_a_legend_units_and_one_scale(tmp_path, monkeypatch):
     assert axes[0].get_ylim()[1] >= 240.
     with Image.open(tmp_path / 'robot.png') as image:
         assert image.size[0] > 200
+
+
+def test_the_picture_shows_the_spheres_of_the_robot_in_their_size(tmp_path, figures):
+    finger = np.array(((.08, 0., 0.), (.12, .01, 0.), (.16, .01, -.02)))
+    save_robot_picture(tmp_path / 'robot.png', 'hal', [RobotPose(
+        'open', {'index': finger}, {'index': finger}, [(np.array((.16, .01, -.02)), .015)])])
+    (figure,) = figures
+    back, side = figure.get_axes()[1::2]
+    assert not any(ax.patches for ax in figure.get_axes()[::2])
+    for ax, centre in ((back, (10., 160.)), (side, (160., -20.))):
+        (sphere,) = ax.patches
+        assert sphere.center == pytest.approx(centre) and sphere.radius == pytest.approx(15.)
+        for (low, high), middle in zip((sorted(ax.get_xlim()), ax.get_ylim()), centre):
+            assert low < middle - 15. and middle + 15. < high
+    assert figure.legends[0].get_texts()[-1].get_text() == 'sphere with which a tip touches'

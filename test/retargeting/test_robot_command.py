@@ -5,9 +5,15 @@ import pytest
 from helpers.robots import GRIPPER, wide_hand
 from PIL import Image
 
+from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.cli import robot
+from hand_tracker.cli.robot_poses import robot_pose
+from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.simulation.poses import pose_angles
 from hand_tracker.viewer import serve
 
 
@@ -27,6 +33,20 @@ def test_inspecting_prints_writes_and_draws(tmp_path, capsys):
     for colour in ((86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167), (230, 159, 0)):
         found = (np.abs(picture.astype(int) - colour).max(axis=2) < 8).any(axis=1)
         assert [part.any() for part in np.array_split(found, 4)] == [True] * 4
+
+
+def test_the_spheres_that_are_drawn_touch_where_the_robot_pinches():
+    robot = load_robot('plain').hand
+    hand = Hand.scaled(limits=preset_limits('wide'))
+    angles = pose_angles('pinch', hand)
+    landmarks = landmark_positions(hand, forward(joint_table(hand), angles))
+    solver = Retargeter(robot, hand)
+    for _ in range(60):
+        position = solver.update(landmarks, np.inf, angles)
+    (thumb, thumb_radius), (index, index_radius), *others = robot_pose(
+        'pinch', landmarks, robot, position).spheres
+    assert np.linalg.norm(thumb - index) == pytest.approx(thumb_radius + index_radius, abs=1e-3)
+    assert [radius for _, radius in others] == [.009, .009]
 
 
 def test_what_is_written_of_a_preset_names_its_urdf(tmp_path, capsys):
