@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from ..core.model.hand import JOINTS
 from .hand_frame import DEX_AXES, MOST_TURNED_DEG, axes_in_words, turn_deg
+from .retarget_options import RetargetOptions
 from .robot_file import LoadedRobot
 from .robot_hand import RobotHand
 
@@ -96,9 +102,20 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
               f'order: [{", ".join(map(_text, order))}]', '',
               '# Joints may follow human joints one to one, in place of the tips:',
               '# follow: {JOINT: {angle: index_mcp_flexion, scale: 1, offset_deg: 0}}',
+              *_section('follow', {robot.model.variables[one.variable]: (
+                  f'{{angle: {JOINTS[one.angle]}, scale: {one.scale}, '
+                  f'offset_deg: {round(math.degrees(one.offset), 6)}}}') for one in robot.follow}),
               '# Weights and distances: hand_tracker/retargeting/retarget_options.py.',
-              '# options: {touch: 0.005, escape: 0.03}']
+              '# options: {touch: 0.005, escape: 0.03}',
+              *_section('options', {name: str(value) for name, value in asdict(
+                  loaded.options).items() if value != getattr(RetargetOptions(), name)})]
     return '\n'.join(lines) + '\n'
+
+
+def _section(key: str, values: Mapping[str, str]) -> list[str]:
+    """Return the lines of a mapping of YAML, none for none."""
+    return [f'{key}:', *(f'  {_text(name)}: {value}' for name, value in values.items())] * bool(
+        values)
 
 
 def _text(value: str) -> str:

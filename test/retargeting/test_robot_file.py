@@ -10,6 +10,7 @@ from helpers.robots import GRIPPER, PARALLEL_GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.retarget_options import RetargetOptions
 from hand_tracker.retargeting.robot_file import load_robot, preset_names
 from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
 from hand_tracker.retargeting.robot_urdf import InvalidRobot
@@ -78,6 +79,19 @@ def test_what_inspecting_writes_is_the_same_robot(hand_urdf, tmp_path):
         assert again.hand.spheres[role].radius == pytest.approx(radius, abs=1e-5)
     assert all(line in text for line in findings(found))
     assert any("index: tip 'index_tip'" in line for line in findings(found))
+
+
+def test_what_inspecting_writes_has_what_the_file_has_set(hand_urdf, tmp_path):
+    follow = {'index_pip_flexion': {'angle': 'index_pip_flexion', 'scale': .8, 'offset_deg': -10},
+              'middle_pip_flexion': 'ring_pip_flexion'}
+    options = {'escape': .1, 'iterations': 7}
+    found = load_robot(robot_file(tmp_path, {'follow': follow, 'options': options}))
+    (tmp_path / 'written.yaml').write_text(robot_file_text(found, str(hand_urdf)))
+    again = load_robot(str(tmp_path / 'written.yaml'))
+    assert again.options == found.options == RetargetOptions(**options)
+    assert len(found.hand.follow) == 2
+    for one, other in zip(again.hand.follow, found.hand.follow):
+        assert one == pytest.approx(other)
 
 
 def test_radii_that_are_guessed_are_told(hand_urdf, tmp_path):
