@@ -20,7 +20,7 @@ from hand_tracker.evaluation.tables import Table
 
 EARLIER = 'Measured with an earlier revision.'
 REPORTED_BENCHMARKS = ('core', 'layouts', 'labelling', 'instructions', 'round_trip', 'peers',
-                       'retarget', 'offline', 'startup', 'memory')
+                       'retarget', 'command_round_trip', 'offline', 'startup', 'memory')
 
 
 def section(name, rows):
