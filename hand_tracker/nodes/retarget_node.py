@@ -314,7 +314,7 @@ class RetargetNode(SubscriptionHidingNode):
         if message.data:
             self._teleoperation.guard.press(time.monotonic())
         else:
-            self._teleoperation.guard.disengage('the deadman was released')
+            self._teleoperation.guard.release()
         self._publish_state()
 
     def _on_engage(self, message: Bool) -> None:

@@ -5,11 +5,13 @@ States and what changes them:
     disengaged ─ engage, press ─▶ easing ─ pose reached ─▶ following
     easing, following ─ hand lost ─▶ holding ─ hand back ─▶ easing
     holding ─ still lost ─▶ disengaged, or, by option, relaxing ─ at rest ─▶ disengaged
-    relaxing ─ hand back ─▶ easing
+    relaxing ─ engage, press ─▶ easing
     any ─ disengage, deadman released, no joint states of the robot ─▶ disengaged
 
-Nothing is sent while disengaged. Every command follows from the last one that was sent, or, after
-engaging, from where the robot is: within limits, speed and acceleration, whatever comes in.
+A deadman that is pressed on as the robot is disengaged, or relaxes, has to be released before it
+engages again. Nothing is sent while disengaged. Every command follows from the last one that was
+sent, or, after engaging, from where the robot is: within limits, speed and acceleration, whatever
+comes in.
 """
 
 from __future__ import annotations
@@ -29,7 +31,6 @@ from .guard_kernel import (
     RELAXING,
     GuardMemory,
     follow_wanted,
-    keep_hand,
     move_command,
     new_guard_memory,
     observe_position,
@@ -39,7 +40,6 @@ from .guard_kernel import (
 from .guard_options import GuardOptions
 
 AT_REST = 1e-3         # [rad] from the rest position
-OUT_OF_LIMITS = .15    # [rad] of a robot that is not engaged
 
 
 class GuardState(enum.Enum):
@@ -109,6 +109,7 @@ class CommandGuard:
         self.memory.robot[:self.memory.joints] = self._rest
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
+        self._must_release = False
         self.lacking = ''
 
     @property
@@ -184,6 +185,7 @@ class CommandGuard:
         now : float
             Time of receipt [s].
         """
+        self.judge_ages(now)
         given = np.array(wanted, dtype=float)
         if given.shape != self._rest.shape:
             self.refuse_values()
@@ -193,10 +195,6 @@ class CommandGuard:
     def refuse_values(self) -> None:
         """Count a frame that is not followed, as it is not finite."""
         self.memory.refused_values[0] += 1
-
-    def keep_hand(self, now: float) -> None:
-        """Take note that the hand is there, though its frame is not to be followed."""
-        keep_hand(self.pack, now)
 
     def lose_hand(self) -> None:
         """Take note that the hand is not tracked, before its last frame is old."""
@@ -228,7 +226,7 @@ class CommandGuard:
             start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
             beyond /= self._per_radian
-            if beyond.max() > OUT_OF_LIMITS:
+            if beyond.max() > self.options.outside_limits:
                 joint = int(beyond.argmax())
                 return self._refuse(
                     f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
@@ -246,6 +244,8 @@ class CommandGuard:
     def press(self, now: float) -> str:
         """Press the deadman, which also engages; return why not, or nothing.
 
+        Pressed on and on, it does not undo what has disengaged the robot, or lets it relax.
+
         Parameters
         ----------
         now : float
@@ -253,8 +253,15 @@ class CommandGuard:
         """
         if not math.isfinite(now):
             return 'the time is not finite'
+        if now - self.memory.press_time[0] > self.options.hold_timeout:
+            self._must_release = False
         self.memory.press_time[0] = now
-        return self.engage(now)
+        return 'the deadman was not released since' if self._must_release else self.engage(now)
+
+    def release(self) -> None:
+        """Release the deadman, which disengages the robot."""
+        self.disengage('the deadman was released')
+        self._must_release = False
 
     def disengage(self, reason: str = 'by the person') -> None:
         """Stop sending commands until the robot is engaged again."""
@@ -262,6 +269,7 @@ class CommandGuard:
 
     def _go(self, state: GuardState, reason: str) -> None:
         self.memory.state[0], self._reason = NUMBER_OF[state], reason
+        self._must_release = state in (GuardState.DISENGAGED, GuardState.RELAXING)
         self.memory.reached[:] = 0
 
     def command(self, now: float) -> np.ndarray | None:
@@ -279,12 +287,7 @@ class CommandGuard:
         """
         if not math.isfinite(now):
             return None
-        if self.is_engaged and now - self.memory.press_time[0] > self.memory.hold_timeout:
-            self.disengage('the deadman was released')
-        if self.is_engaged and now - self.memory.robot_time[0] > self.memory.robot_timeout:
-            # It may start anew elsewhere, and would snap to the command.
-            self.disengage("the robot's joint states ended")
-        self._follow_hand(now)
+        self.judge_ages(now)
         if not self.is_engaged:
             return None
         step, state = start_step(self.pack, now), self.state
@@ -306,21 +309,35 @@ class CommandGuard:
         """Move the command towards a goal that stands still, see `move_command`."""
         move_command(self.pack, goal, self.memory.still, speed, step)
 
-    def _follow_hand(self, now: float) -> None:
-        """Change the state by the age of the hand's last frame."""
-        if not self.is_engaged:
+    def judge_ages(self, now: float) -> None:
+        """Change the state by the ages of the deadman, of the robot's states and of the hand.
+
+        Before a frame of the hand is taken, too: the process may have been stopped.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        if not math.isfinite(now):
             return
-        age = now - self.memory.hand_time[0]
-        if age <= self.options.hand_timeout:
-            # On its way to rest it goes on, until it is engaged anew.
-            if self.state is GuardState.HOLDING:
-                self._go(GuardState.EASING, 'the hand is back')
-            return
-        if self.state in (GuardState.EASING, GuardState.FOLLOWING):
-            self._lost_time = now
+        memory = self.memory
+        if self.is_engaged and now - memory.press_time[0] > memory.hold_timeout:
+            self.disengage('the deadman was released')
+        if self.is_engaged and now - memory.robot_time[0] > memory.robot_timeout:
+            # It may start anew elsewhere, and would snap to the command.
+            self.disengage("the robot's joint states ended")
+        is_lost = now - memory.hand_time[0] > memory.hand_timeout
+        if self.is_following and is_lost:
+            # Lost since its last frame grew old, even if nobody looked then.
+            grown_old = float(memory.hand_time[0]) + memory.hand_timeout
+            self._lost_time = grown_old if math.isfinite(grown_old) else now
             self._go(GuardState.HOLDING, 'the hand is lost')
-        elif self.state is GuardState.HOLDING and (
-                now - self._lost_time > self.options.disengage_after):
+        if self.state is not GuardState.HOLDING:
+            return
+        if not is_lost:
+            self._go(GuardState.EASING, 'the hand is back')
+        elif now - self._lost_time > self.options.disengage_after:
             if self.options.relax:
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')
             else:

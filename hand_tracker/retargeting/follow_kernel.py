@@ -19,7 +19,6 @@ from .guard_kernel import (
     GuardMemory,
     follow_wanted,
     is_followed,
-    keep_hand,
     observe_wanted,
     start_step,
 )
@@ -104,7 +103,7 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     solved[used] = np.arange(len(used))
     variable, multiplier, offset = rows
     return FollowMemory(
-        new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames),
+        new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames, options.jump_time),
         np.full(1, -math.inf), np.full(1, UNSTAMPED), np.zeros(1, np.int64),
         np.ones(1, np.int64), min_confidence,
         padded(solved, np.int64), padded(held), padded(held), len(variable),
@@ -133,8 +132,8 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
 
 
 @jit
-def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand],
-                  guards: Pack[GuardMemory], stamp: int, now: float) -> float:
+def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand], stamp: int,
+                  now: float) -> float:
     """Return the time since the last frame [s] if the person's angles are accepted, else -1.
 
     A frame with the stamp of the last one is the same frame again, as of a tracker that hangs: it
@@ -142,8 +141,8 @@ def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand],
 
     Parameters
     ----------
-    memories, humans, guards : packs
-        The first and the last are changed.
+    memories, humans : packs
+        The first is changed.
     stamp : int
         Of the frame [ns]; `UNSTAMPED` for none.
     now : float
@@ -159,8 +158,7 @@ def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand],
     if is_old:
         memory.gate.has_last[0] = 0
     # Here and not in the guard alone: retargeting would turn a jump into a fast movement.
-    if not accepts_position(memory.gate, humans[0].angles[0], JOINT_COUNT):
-        keep_hand(guards, now)
+    if not accepts_position(memory.gate, humans[0].angles[0], JOINT_COUNT, now):
         return -1.
     memory.hand_time[0] = now
     return LONGEST_HAND_STEP if is_old else max(since, 0.)
@@ -221,7 +219,7 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     for i in range(JOINT_COUNT):
         if not math.isfinite(human.angles[0, i]):
             return NOT_FOLLOWED
-    step = accept_angles(memories, humans, guards, stamp, now)
+    step = accept_angles(memories, humans, stamp, now)
     if step < 0.:
         return NO_COMMAND
     place_landmarks(humans)

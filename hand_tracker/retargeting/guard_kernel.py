@@ -51,8 +51,9 @@ class GuardMemory(NamedTuple):
     has_wanted, has_robot, state, refused_values : ndarray of int, shape (1,)
         `refused_values` counts frames that were not finite.
     hand_time, wanted_time, command_time, reached_time, press_time, robot_time : ndarray, shape (1,)
-        Of the hand's last frame, of the last one that was accepted, of the last command, of the
-        pose's being reached, of the deadman and of the robot's joint states [s].
+        Of the hand's last frame that was accepted, the same unless one has jumped since, of the
+        last command, of the pose's being reached, of the deadman and of the robot's joint
+        states [s].
     gate : JumpGate
         Of what is wanted.
     max_acceleration, max_speed, ease_speed, max_dt, hand_timeout : float
@@ -118,8 +119,8 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         joints=len(lower), lower=of_joints(lower), upper=of_joints(upper),
         speed=of_joints(speed), per_radian=of_joints(per_radian), **still,
         reached=np.zeros(GUARD_CAPACITY, np.int64), **flags, **times,
-        gate=new_jump_gate(
-            GUARD_CAPACITY, of_joints(options.max_jump * per_radian), options.jump_frames),
+        gate=new_jump_gate(GUARD_CAPACITY, of_joints(options.max_jump * per_radian),
+                           options.jump_frames, options.jump_time),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
         ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
         hold_timeout=options.hold_timeout if options.hold_to_engage else math.inf,
@@ -172,22 +173,6 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -
 
 
 @jit
-def keep_hand(guards: Pack[GuardMemory], now: float) -> None:
-    """Note that the hand is present in a frame that is not followed.
-
-    Parameters
-    ----------
-    guards : pack of GuardMemory
-        Changed.
-    now : float
-        [s]
-    """
-    guard = guards[0]
-    if math.isfinite(now) and guard.has_wanted[0]:
-        guard.hand_time[0] = now
-
-
-@jit
 def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> bool:
     """Take the position that the person's hand wants; return whether it is followed.
 
@@ -206,14 +191,13 @@ def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> 
         return False
     if now - guard.hand_time[0] > guard.hand_timeout:
         guard.gate.has_last[0] = 0
-    # The hand is there, even where what it wants is not believed yet.
-    guard.hand_time[0] = now
     for i in range(guard.joints):
         guard.inside[i] = min(max(given[i], guard.lower[i]), guard.upper[i])
-    if not accepts_position(guard.gate, guard.inside, guard.joints):
+    if not accepts_position(guard.gate, guard.inside, guard.joints, now):
         # After a jump nobody knows how fast the hand is.
         guard.wanted_time[0] = -math.inf
         return False
+    guard.hand_time[0] = now
     since = now - guard.wanted_time[0]
     is_next = guard.has_wanted[0] > 0 and 0. < since <= guard.max_dt
     for i in range(guard.joints):

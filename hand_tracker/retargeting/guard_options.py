@@ -45,12 +45,18 @@ class GuardOptions:
         'jumps are not followed at once')
     jump_frames: int = number_option(
         6, 1, 1000, '1', 'Frames after which a jump that persists is followed, at limited speed')
+    jump_time: float = number_option(
+        .04, 0., 10., 's', 'Time, besides, after which a jump that persists is followed')
     max_dt: float = number_option(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
     limit_margin: float = number_option(
         .02, 0., .5, 'rad', "Distance that commands keep from the URDF's limits")
+    outside_limits: float = number_option(
+        .15, 0., 1., 'rad', "By how much a robot that is engaged may be outside the URDF's limits; "
+        'its first command is at the limit')
     hand_timeout: float = number_option(
-        .15, .01, 10., 's', 'Age of the hand\'s last frame from which the robot holds')
+        .15, .01, 10., 's', 'Age of the hand\'s last frame that was followed from which the robot '
+        'holds')
     on_lost: str = choice_option(
         'hold', ON_LOST, 'While the hand is lost: hold, the last command is repeated, or stop, '
         'nothing is sent')

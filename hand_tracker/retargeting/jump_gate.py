@@ -20,12 +20,14 @@ class JumpGate(NamedTuple):
         Whether they count; without `has_last` the next position is accepted, wherever it is.
     agreeing : ndarray of int, shape (1,)
         Refused positions in a row, near each other.
+    agreeing_since : ndarray, shape (1,)
+        Time of the first of them [s].
     refused : ndarray of int, shape (1,)
         Positions that were not accepted, in all.
     most : ndarray, shape (size,)
         Largest change of each number that is no jump.
-    frames : int
-        Frames in a row, near each other, after which a jump is accepted.
+    frames, time : int and float
+        Frames in a row, near each other, and the time they last, after which a jump is accepted.
     """
 
     last: np.ndarray
@@ -33,22 +35,24 @@ class JumpGate(NamedTuple):
     has_last: np.ndarray
     has_jump: np.ndarray
     agreeing: np.ndarray
+    agreeing_since: np.ndarray
     refused: np.ndarray
     most: np.ndarray
     frames: int
+    time: float
 
 
-def new_jump_gate(size: int, most: np.ndarray | float, frames: int) -> JumpGate:
+def new_jump_gate(size: int, most: np.ndarray | float, frames: int, time: float) -> JumpGate:
     """Return a gate for positions of up to `size` numbers that accepts the first one."""
     def flag() -> np.ndarray:
         return np.zeros(1, np.int64)
 
-    return JumpGate(np.zeros(size), np.zeros(size), flag(), flag(), flag(), flag(),
-                    np.full(size, most), frames)
+    return JumpGate(np.zeros(size), np.zeros(size), flag(), flag(), flag(), np.zeros(1),
+                    flag(), np.full(size, most), frames, time)
 
 
 @jit
-def accepts_position(gate: JumpGate, position: np.ndarray, size: int) -> bool:
+def accepts_position(gate: JumpGate, position: np.ndarray, size: int, now: float) -> bool:
     """Return whether a position of `size` finite numbers is accepted.
 
     Parameters
@@ -57,14 +61,18 @@ def accepts_position(gate: JumpGate, position: np.ndarray, size: int) -> bool:
         Changed.
     position : ndarray, shape (>= size,)
     size : int
+    now : float
+        [s]
     """
     if gate.has_last[0] and _is_far(position, gate.last, size, gate.most):
         agrees = gate.has_jump[0] and not _is_far(position, gate.jump, size, gate.most)
         gate.agreeing[0] = gate.agreeing[0] + 1 if agrees else 1
+        if not agrees:
+            gate.agreeing_since[0] = now
         for i in range(size):
             gate.jump[i] = position[i]
         gate.has_jump[0] = 1
-        if gate.agreeing[0] < gate.frames:
+        if gate.agreeing[0] < gate.frames or now - gate.agreeing_since[0] < gate.time:
             gate.refused[0] += 1
             return False
     for i in range(size):

@@ -137,10 +137,10 @@ class Teleoperation:
             (model.joints.variable[rows], model.joints.multiplier[rows],
              model.joints.offset[rows]), min_confidence, self.guard.options))
         self._hand_rows, self._deviation_rows = (JointRows(self._hand_names) for _ in range(2))
-        self._robot_rows = JointRows(model.variables)
-        # Where the others are, as those of an arm, may be known to another driver alone.
-        self._needed = np.zeros(len(model.variables), dtype=bool)
-        self._needed[model.joints.variable[rows]] = True
+        # Where the others are, as those of an arm, another driver knows.
+        self._needed = np.isin(np.arange(len(model.variables)), model.joints.variable[rows])
+        self._robot_rows = JointRows([name if needed else '' for name, needed in zip(
+            model.variables, self._needed)])
 
     @property
     def refused_jumps(self) -> int:
@@ -167,8 +167,7 @@ class Teleoperation:
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows of the hand, its deviations and the robot in their last joint states.
 
-        Of the robot -1 for a joint that is missing and not commanded; none of a message that does
-        not count.
+        Of the robot -1 for a joint that is not commanded; none of a message that does not count.
         """
         hand, deviations, robot = (
             self._hand_rows.rows, self._deviation_rows.rows, self._robot_rows.rows)
@@ -190,6 +189,7 @@ class Teleoperation:
         stamp : int, optional
             Of the frame [ns]; one with the stamp of the last is no new one.
         """
+        self.guard.judge_ages(now)
         rows, is_new = self._hand_rows.find(names)
         if is_new:
             self.fault = self._fault_of(names) if rows.min() < 0 else ''
@@ -203,7 +203,7 @@ class Teleoperation:
             return False
         self._retargeter.human.angles[0] = given
         human, _, solution = self._retargeter.packs
-        step = accept_angles(self._pack, human, self.guard.pack, stamp, now)
+        step = accept_angles(self._pack, human, stamp, now)
         if step < 0.:
             return False
         self._retargeter.update_angles(given, step)

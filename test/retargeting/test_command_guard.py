@@ -212,8 +212,45 @@ def test_speed_and_acceleration_hold_and_the_urdf_counts():
 def test_a_long_gap_between_commands_counts_as_a_short_one():
     rig = Rig().following()
     before = rig.tick()
-    after = rig.tick(hand=HAND + .5, step=5.)
+    after = rig.tick(hand=HAND + .5, step=.14)
     assert np.abs(after - before).max() <= rig.options.max_speed * rig.options.max_dt + 1e-12
+
+
+@pytest.mark.parametrize('robot', [ROBOT_POSITION, None])
+@pytest.mark.parametrize('gap, state', [
+    (.2, GuardState.EASING), (.9, GuardState.EASING), (1.2, GuardState.DISENGAGED),
+    (3600., GuardState.DISENGAGED)])
+def test_a_process_that_was_stopped_takes_the_next_frame_as_of_a_hand_that_was_lost(
+        gap, state, robot):
+    rig = Rig(require_robot_state=robot is not None).following()
+    before = rig.tick(robot=robot)
+    after = rig.tick(hand=HAND + .6, robot=robot, step=gap)
+    assert rig.guard.state is state
+    if state is GuardState.EASING:
+        assert np.abs(after - before).max() <= rig.options.ease_speed * rig.options.max_dt + 1e-12
+    else:
+        assert after is None and all(command is None for command in rig.run(1., robot=robot))
+
+
+def test_a_hand_that_jumps_to_and_fro_is_not_followed():
+    rig, random = Rig(max_jump=.3).following(), np.random.default_rng(1)
+    commands, states = [HAND], []
+    for _ in range(300):
+        commands.append(rig.tick(
+            hand=HAND + .5 * random.choice((-1., 1.), 3) + random.uniform(size=3)))
+        states.append(rig.guard.state)
+    assert np.abs(np.diff(commands, axis=0)).max() <= rig.options.ease_speed * STEP + 1e-9
+    timeout = round(rig.options.hand_timeout / STEP)
+    assert GuardState.FOLLOWING not in states[timeout + 1:]
+
+
+@pytest.mark.parametrize('rate', [100., 480., 1000.])
+def test_a_jump_has_to_last_at_any_rate(rate):
+    rig = Rig(max_jump=.3).following()
+    for _ in range(int(.9 * rig.options.jump_time * rate)):
+        assert np.abs(rig.tick(hand=HAND + .5, step=1. / rate) - HAND).max() < 1e-3
+    rig.run(2., hand=HAND + .5)
+    assert np.abs(rig.tick(hand=HAND + .5) - HAND).max() > .3
 
 
 def test_time_that_stands_still_or_goes_back_moves_nothing():
@@ -363,6 +400,35 @@ def test_hold_to_engage_moves_only_while_it_is_pressed():
     assert rig.tick() is not None
 
 
+@pytest.mark.parametrize('why, relax', [
+    ('stopped', False), ('hand lost', False), ('hand lost', True), ('robot lost', False)])
+def test_a_deadman_that_is_pressed_on_and_on_undoes_no_stop(why, relax):
+    rig = Rig(hold_to_engage=True, relax=relax)
+    rig.tick()
+
+    def pressed(seconds, **given):
+        commands = []
+        for _ in range(round(seconds / STEP)):
+            rig.guard.press(rig.now)
+            commands.append(rig.tick(**given))
+        return commands
+
+    assert pressed(2.)[-1] is not None
+    if why == 'stopped':
+        rig.guard.disengage()
+    else:
+        pressed(rig.options.disengage_after + .5, **{why.removesuffix(' lost'): None})
+    assert rig.guard.state is (GuardState.RELAXING if relax else GuardState.DISENGAGED)
+    pressed(2.)
+    assert not rig.guard.is_following
+    rig.guard.release()
+    assert pressed(.1)[-1] is not None and rig.guard.is_following
+    # Silence is a release, too.
+    rig.guard.disengage()
+    assert all(command is None for command in [*pressed(.1), *rig.run(.3)])
+    assert pressed(.1)[-1] is not None
+
+
 @pytest.mark.parametrize('robot', [LOWER, UPPER, LOWER - .1, UPPER + .1])
 def test_limits_are_kept_with_a_margin_that_a_robot_at_its_limit_enters_slowly(robot):
     rig = Rig()
@@ -445,7 +511,9 @@ def test_ten_thousand_faults_break_no_rule(options):
                 frozen = wanted
             if fault == 'disengaged':
                 guard.disengage()
-            elif fault != 'released':
+            elif fault == 'released':
+                guard.release()
+            else:
                 guard.press(rig.now)
             rules.expect(guard, robot, rig.now)
             command = rig.tick(hand=hand, robot=robot_seen, step=step)
