@@ -1,5 +1,6 @@
 """The retarget node: nothing moves before it is engaged, then commands come in every form."""
 
+import signal
 from operator import itemgetter
 
 import numpy as np
@@ -21,6 +22,7 @@ from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.nodes import serialization
 from hand_tracker.nodes.retarget_node import RetargetNode
+from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.simulation.poses import pose_angles
 
 NEEDS = 'rclpy', 'trajectory_msgs'
@@ -163,6 +165,28 @@ def test_a_tracker_that_repeats_its_last_frame_is_no_hand(fast_path, robot):
         assert bench.states[-2:] == ['holding', 'disengaged']
         assert 'no hand' in bench.engage().message
         bench.is_frozen = False
+        bench.until_engaged()
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('fast_path', [True, False])
+def test_a_node_that_was_stopped_for_long_does_not_go_on(fast_path, robot):
+    parameters = {'robot': robot, 'fast_path': fast_path}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        process.wait_for_line('listening')
+        bench.start = robot_states(joints(), .05)
+        bench.until('following')
+        process.send_signal(signal.SIGSTOP)
+        stopped = len(bench.states)
+        # As the hand is elsewhere when it goes on.
+        bench.angles = pose_angles('fist', bench.hand)
+        options = GuardOptions()
+        node.spin_for(options.hand_timeout + options.disengage_after + .3)
+        process.send_signal(signal.SIGCONT)
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        assert set(bench.states[stopped:]) <= {'holding', 'disengaged'}
         bench.until_engaged()
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output

@@ -132,6 +132,10 @@ def test_an_inspected_robot_leaves_its_arm_to_another_controller(tmp_path):
         rig.tick()
         rig.it.guard.press(rig.now)
     assert rig.it.guard.state is GuardState.FOLLOWING
+    for beyond in (5., np.nan):
+        rig = Rig(robot=str(path))
+        rig.position[rig.names.index('bend')] = beyond
+        assert rig.engaged().tick() is not None
 
 
 def test_what_the_joint_states_of_the_robot_lack_is_named(own_hand):
