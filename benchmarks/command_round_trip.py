@@ -3,10 +3,11 @@
     python -m benchmarks.command_round_trip [--rates 120 480] [--seconds 5] [--robot ROBOT]
         [--json OUT]
 
-Markers are published; a tracker node and a retarget node, in one process and each in one of its
-own, with their defaults, answer with the command of a robot. In turns with them, in the same run,
-the tracker alone answers with joint states, and a minimal echo in C answers each MarkerArray.
-Processor time is that of all processes of a row together.
+Markers are published, and at 100 Hz the joint states of the robot; a tracker node and a retarget
+node, in one process and each in one of its own, with their defaults, answer with the command of the
+robot. In turns with them, in the same run, the tracker alone answers with joint states, and a
+minimal echo in C answers each MarkerArray. Processor time is that of all processes of a row
+together.
 """
 
 import argparse
@@ -40,11 +41,13 @@ from benchmarks.round_trip import (
     isolate,
     messages,
 )
+from hand_tracker.retargeting.robot_file import load_robot
 
 ONE_PROCESS, TWO_PROCESSES = 'one_process', 'two_processes'
 TRACKER_ALONE, C_ECHO = 'tracker', 'c_echo'
 DRIVING = ONE_PROCESS, TWO_PROCESSES
 ENGAGE_RATE = 100.  # [Hz] of markers meanwhile
+ROBOT_RATE = 100.   # [Hz] of its joint states
 
 
 def start(stack, folder, robot, urdf):
@@ -61,9 +64,7 @@ def start(stack, folder, robot, urdf):
         return [sys.executable, '-m', f'hand_tracker.nodes.{name}_node']
 
     tracking = 'side:=right', 'auto_size:=false'
-    # No driver of a robot is there to publish where it is.
-    driving = (f'robot:={robot}', 'safety.require_robot_state:=false',
-               *([f'robot_description:={urdf}'] if urdf else []))
+    driving = f'robot:={robot}', *([f'robot_description:={urdf}'] if urdf else [])
     processes = {
         ONE_PROCESS: [begin(node('teleoperate'), ONE_PROCESS, *tracking, *driving)],
         TWO_PROCESSES: [begin(node('tracker'), TWO_PROCESSES, *tracking),
@@ -74,6 +75,23 @@ def start(stack, folder, robot, urdf):
     else:
         print('c_echo: not there, it needs a C compiler and the headers of rcl')
     return processes
+
+
+def tell_where_robot_is(node, robot):
+    """Publish the joint states of a robot at rest to the nodes that drive it."""
+    from rclpy.qos import QoSProfile
+    from sensor_msgs.msg import JointState
+    model = robot.model
+    state = JointState(name=list(model.joint_names),
+                       position=model.joint_positions(robot.rest).tolist())
+    publishers = [node.create_publisher(JointState, f'/{name}/robot/joint_states', QoSProfile(
+        depth=1)) for name in DRIVING]
+
+    def tell():
+        for publisher in publishers:
+            publisher.publish(state)
+
+    node.create_timer(1. / ROBOT_RATE, tell)
 
 
 def engage(driver, name, frames):
@@ -106,6 +124,7 @@ def main():
         processes = start(stack, folder, options.robot, options.urdf)
         frames = {rate: [messages(('right',), rate)] for rate in options.rates}
         driver = Driver(processes, dict.fromkeys(DRIVING, 'robot/command'))
+        tell_where_robot_is(driver.node, load_robot(options.robot, options.urdf).hand)
         for name in processes:
             if name not in DRIVING and driver.wait_for(
                     name, processes[name][0], frames[options.rates[0]][0]) is None:
