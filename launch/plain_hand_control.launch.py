@@ -1,16 +1,21 @@
 """Drive the plain robot hand by ros2_control with mock hardware; an example for your own robot.
 
-Tracker and source come from track.launch.py, which this includes with the arguments that are
-given here. Needs ros2_control and ros2_controllers.
+Tracker, source and the driver of the robot come from track.launch.py, which this includes with the
+arguments that are given here. Needs ros2_control and ros2_controllers.
 """
 
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    GroupAction,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch_ros.actions import Node
+from launch_ros.actions import Node, SetRemap
 
 from hand_tracker.files.ros2_control import with_mock_hardware
 from hand_tracker.launching.installed_packages import is_installed
@@ -36,41 +41,50 @@ CONTROL_ARGUMENTS = (
                     'joint_trajectory_controller'),
     DeclareLaunchArgument(
         'side', default_value='right', choices=['right', 'left'], description='Of both hands'),
+    # Without it controllers and hardware would end with the tracker.
+    DeclareLaunchArgument(
+        'respawn', default_value='true', choices=['true', 'false'],
+        description='Start a tracker that dies anew; else all ends with it'),
 )
 
 
 def start(context: LaunchContext) -> list[Action]:
-    """Return the nodes of the robot, and the launch of the tracker."""
+    """Return the nodes of the robot, and the launch of tracker and driver."""
     # Before anything starts: launch leaves running what was started before one is missed.
     if lacking := [source for package, source in NEEDED.items() if not is_installed(package)]:
         raise RuntimeError(f"not installed: {', '.join(lacking)}")
     given = context.launch_configurations
     controller, side = given['controller'], given['side']
     output, topic = CONTROLLERS[controller]
+    of_example = {'robot': DRIVEN_ROBOT, 'robot_description': '', 'outputs': output}
+    for name, value in of_example.items():
+        if given.get(name, value) != value:
+            raise RuntimeError(f"{name}: '{given[name]}'; expected none: this drives the robot "
+                               f"'{DRIVEN_ROBOT}' by {output}, copy it for yours")
     share = Path(get_package_share_directory('hand_tracker'))
     robot = load_robot(DRIVEN_ROBOT, preferred_side=side)
     description = with_mock_hardware(Path(robot.urdf).read_text(encoding='utf-8'), robot.order)
+    # In that of retarget, as its topics begin with it.
+    namespace = '/'.join(filter(None, (given.get('namespace', '').strip('/'), ROBOT_NAMESPACE)))
 
     def of_robot(package: str, executable: str, **more: Any) -> Node:
-        return Node(package=package, executable=executable, namespace=ROBOT_NAMESPACE,
+        return Node(package=package, executable=executable, namespace=namespace,
                     output='screen', **more)
 
     return [
         # First, as it may refuse an argument: launch leaves behind what was started before.
-        IncludeLaunchDescription(PythonLaunchDescriptionSource(
-            str(share / 'launch' / 'track.launch.py')),
-            # Without it controllers and hardware would end with the tracker.
-            launch_arguments={'side': side, 'respawn': 'true'}.items()),
+        GroupAction([
+            SetRemap(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}'),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(str(share / 'launch' / 'track.launch.py')),
+                launch_arguments=of_example.items())]),
         of_robot('robot_state_publisher', 'robot_state_publisher',
                  parameters=[{'robot_description': description}]),
         of_robot('controller_manager', 'ros2_control_node',
                  parameters=[str(share / 'config' / 'plain_hand_controllers.yaml')]),
         of_robot('controller_manager', 'spawner', arguments=[
             'joint_state_broadcaster', controller,
-            '--controller-manager', f'/{ROBOT_NAMESPACE}/controller_manager']),
-        Node(package='hand_tracker', executable='retarget', output='screen',
-             parameters=[{'robot': DRIVEN_ROBOT, 'side': side, 'outputs': output}],
-             remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')])]
+            '--controller-manager', f'/{namespace}/controller_manager'])]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -119,6 +119,9 @@ ARGUMENTS = (
                 'Robot hand that the left one of both hands drives; empty: the same as robot'),
     ArgumentRow('left_robot_description', '',
                 "The left robot's URDF, where robot_description is the right one's"),
+    ArgumentRow('outputs', '',
+                "What is sent to the robot, separated by spaces: joint_state, joint_trajectory, "
+                "position_array; empty: the parameter file's, else joint_state"),
     ArgumentRow('show_robot', 'auto',
                 'Broadcast the frames of the robots beside the hands for RViz: as they are, once '
                 'engaged as they are commanded; auto: when RViz is shown. Needs '
@@ -137,9 +140,10 @@ ARGUMENTS = (
     ArgumentRow('left_mount', '', 'Parameter file with the offset of the left one of both hands'),
     ArgumentRow('fixed_frame', 'mocap', 'Fixed frame of RViz'),
     ArgumentRow('use_sim_time', 'false', 'Follow /clock', TRUE_FALSE),
-    ArgumentRow('respawn', 'false',
-                'Start a tracker that dies anew; else all ends with it, the driving of a robot too',
-                TRUE_FALSE),
+    ArgumentRow('respawn', 'auto',
+                'Start a tracker that dies anew; else all ends with it, the driving of a robot '
+                'too; auto: true where a robot is driven by a process of its own, which holds it '
+                'meanwhile', AUTO_TRUE_FALSE),
     ArgumentRow('lifecycle', 'false',
                 'Run the tracker as a managed node, which activates itself; its states are those '
                 'of ros2 lifecycle', TRUE_FALSE),
@@ -189,7 +193,7 @@ def tracker(plan: LaunchPlan) -> Node:
         if plan.given['lifecycle'] == 'true':
             executable = 'managed_tracker'
     # What goes on without it holds a robot meanwhile.
-    then = ({'respawn': True, 'respawn_delay': RESPAWN_DELAY} if plan.given['respawn'] == 'true'
+    then = ({'respawn': True, 'respawn_delay': RESPAWN_DELAY} if plan.respawns_tracker
             else {'on_exit': ended('tracker')})
     return node(
         plan, executable, plan.tracker_parameters, file=plan.given['parameters'], name=name,

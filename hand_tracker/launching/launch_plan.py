@@ -185,6 +185,13 @@ class LaunchPlan:
         return found
 
     @property
+    def respawns_tracker(self) -> bool:
+        """Whether a tracker that dies starts anew: asked for, or as another process drives."""
+        return self.given['respawn'] == 'true' or (
+            self.given['respawn'] == AUTO and not self.has_robot
+            and any(robot['robot'] for robot in self.robots))
+
+    @property
     def wrist_frame(self) -> str:
         """Parameter of nodes that look the wrist up: its frame by the file."""
         return self.in_file.get('wrist_frame', AUTO)
@@ -349,6 +356,8 @@ class LaunchPlan:
         person = {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
                   'wrist_frame': self.wrist_frame, 'on_body': self.on_body}
         shown = self.shows_robots
+        if outputs := self.agreed('outputs', self.given['outputs'], '', in_file=in_file):
+            robot['outputs'] = outputs
         if robot['robot']:
             self._check_alike(hand.namespace, {**person, **self.common})
             shown = self.agreed(

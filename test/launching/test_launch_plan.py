@@ -18,11 +18,11 @@ LAUNCH_DEFAULTS = {
     **dict.fromkeys((
         'topic', 'message', 'server', 'subject', 'hand', 'layout', 'left_hand', 'namespace',
         'parameters', 'robot', 'robot_description', 'left_robot', 'left_robot_description',
-        'body_frame', 'mount', 'left_body_frame', 'left_mount', 'keystore'), ''),
+        'outputs', 'body_frame', 'mount', 'left_body_frame', 'left_mount', 'keystore'), ''),
     'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
     'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
     'rviz': 'false', 'show_robot': 'auto', 'robot_process': 'own', 'use_sim_time': 'false',
-    'respawn': 'false', 'lifecycle': 'false', 'use_security': 'false'}
+    'respawn': 'auto', 'lifecycle': 'false', 'use_security': 'false'}
 
 
 def plan_of(is_installed=True, **given):
@@ -96,6 +96,31 @@ def test_the_parameter_file_may_choose_the_robot(tmp_path):
     assert plan_of(parameters=str(file), rviz='true').shown_robots == []
     with pytest.raises(InvalidLaunch, match="robot: 'plain', but by the argument robot it is 'a'"):
         plan_of(parameters=str(file), robot='a')
+
+
+@pytest.mark.parametrize('given, respawns', [
+    ({}, False), ({'robot': 'plain'}, True), ({'side': 'both', 'robot': 'plain'}, True),
+    # What would hold the robot dies with it.
+    ({'robot': 'plain', 'robot_process': 'tracker'}, False),
+    ({'robot': 'plain', 'respawn': 'false'}, False), ({'respawn': 'true'}, True)])
+def test_a_tracker_starts_anew_where_another_process_holds_the_robot(given, respawns):
+    assert plan_of(**given).respawns_tracker == respawns
+
+
+def test_a_robot_of_the_parameter_file_is_held_too(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('retarget: {ros__parameters: {robot: plain}}')
+    assert plan_of(parameters=str(file)).respawns_tracker
+
+
+def test_outputs_are_the_argument_s_else_the_parameter_file_s(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('retarget: {ros__parameters: {outputs: joint_trajectory}}')
+    assert 'outputs' not in plan_of(robot='plain').robots[0]
+    for given in {'outputs': 'joint_trajectory'}, {'parameters': str(file)}:
+        assert plan_of(robot='plain', **given).robots[0]['outputs'] == 'joint_trajectory'
+    with pytest.raises(InvalidLaunch, match="by the argument outputs it is 'position_array'"):
+        plan_of(robot='plain', parameters=str(file), outputs='position_array')
 
 
 def test_each_of_both_hands_has_its_section_of_the_parameter_file(tmp_path):

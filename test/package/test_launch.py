@@ -57,14 +57,14 @@ CHOICES = {
     'source_process': ['auto', 'own', 'tracker'],
     'show_robot': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
-    'respawn': ['true', 'false'],
+    'respawn': ['auto', 'true', 'false'],
     'lifecycle': ['true', 'false'],
     'use_security': ['true', 'false'],
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
         'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore',
-        'body_frame', 'mount', 'left_body_frame', 'left_mount'}
+        'body_frame', 'mount', 'left_body_frame', 'left_mount', 'outputs'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
@@ -719,6 +719,75 @@ def generate_launch_description():
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_a_robot_is_held_when_the_tracker_is_killed(watch):
+    commands = watch.collect(JointState, 'robot/command')
+    joints = load_robot('plain').order
+    with Launch(robot='plain') as process:
+        process.wait_for_line('not engaged; listening for the right hand', FIRST_START)
+        process.wait_for_line('listening for markers', FIRST_START)
+        engage = watch.create_publisher(Bool, 'retarget/engage', 10)
+        robot = watch.create_publisher(JointState, 'robot/joint_states', 10)
+
+        def be_there():
+            robot.publish(JointState(name=joints, position=[0.] * len(joints)))
+
+        def engage_it():
+            be_there()
+            engage.publish(Bool(data=True))
+
+        watch.repeat(engage_it, lambda: len(commands) > FEW)
+        tracker = re.search(r'\[tracker-\d+\]: process started with pid \[(\d+)\]', process.output)
+        lost, listening = 'disengaged: the hand was lost', 'listening for markers'
+        times = process.output.count(lost)
+        os.kill(int(tracker[1]), signal.SIGKILL)
+        watch.repeat(be_there, lambda: process.output.count(lost) > times
+                     and process.output.count(listening) > 1)
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+
+
+@launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_the_example_of_ros2_control_takes_the_arguments_of_the_launch_file(watch, tmp_path):
+    save_hand(tmp_path / 'mine.yaml', Hand.scaled(.17), MarkerLayout())
+    (tmp_path / 'parameters.yaml').write_text(
+        '/**/retarget: {ros__parameters: {safety.max_speed: 2.0}}')
+    environment = {}
+    for package, programs in (('robot_state_publisher', [None]),
+                              ('controller_manager', ['ros2_control_node', 'spawner']),
+                              ('joint_state_broadcaster', [None])):
+        for program in programs:
+            environment = fake_package(tmp_path, package, program)
+    with Launch(environment, file=LAUNCH.with_name('plain_hand_control.launch.py'),
+                hand=tmp_path / 'mine.yaml', prefix='none', namespace='mine', side='left',
+                parameters=tmp_path / 'parameters.yaml') as process:
+        process.wait_for_line('not engaged; listening for the left hand', FIRST_START)
+        assert process.output.count('listening for the left hand') == 1
+        values = watch.call(GetParameters, 'mine/retarget/get_parameters', GetParameters.Request(
+            names=['hand_file', 'prefix', 'outputs', 'robot', 'safety.max_speed'])).values
+        assert [value.string_value for value in values[:-1]] == [
+            str(tmp_path / 'mine.yaml'), '', 'position_array', 'plain']
+        assert values[-1].double_value == 2.
+        watch.spin_until(lambda: watch.count_publishers('/mine/robot/hand_positions/commands')
+                         and watch.count_subscribers('/mine/robot/joint_states'))
+        assert "'/mine/robot/controller_manager'" in process.output.replace('"', "'")
+        process.interrupt()
+        assert 'Traceback' not in process.output, process.output
+
+
+@launches
+@pytest.mark.parametrize('name', ['robot', 'robot_description', 'outputs'])
+def test_the_example_of_ros2_control_drives_the_plain_hand_alone(name, tmp_path):
+    for package in 'robot_state_publisher', 'controller_manager', 'joint_state_broadcaster':
+        environment = fake_package(tmp_path, package)
+    with Launch(environment, file=LAUNCH.with_name('plain_hand_control.launch.py'),
+                **{name: 'another'}) as process:
+        assert process.wait() == 1
+        assert f"{name}: 'another'; expected none" in process.output
+        assert 'process started' not in process.output
+
+
+@launches
 @pytest.mark.skipif(not installed('controller_manager'), reason='no ros2_control')
 @pytest.mark.parametrize('controller', ['hand_positions', 'hand_trajectory'])
 def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch, controller):
@@ -915,7 +984,7 @@ def fake_package(folder, name, program=None):
     index.mkdir(parents=True, exist_ok=True)
     (index / name).touch()
     program = folder / 'lib' / name / (program or name)
-    program.parent.mkdir(parents=True)
+    program.parent.mkdir(parents=True, exist_ok=True)
     program.write_text(FAKE_PROGRAM.format(python=sys.executable))
     program.chmod(0o755)
     return {'AMENT_PREFIX_PATH': f"{folder}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"}
