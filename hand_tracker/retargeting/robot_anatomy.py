@@ -85,7 +85,7 @@ class RobotAnatomy(NamedTuple):
     digits : dict of str to Digit
         By role, a subset of `ROLES`.
     is_gripper : bool
-        Two digits that only open and close.
+        Two digits that only open and close: at most two variables move them.
     unsure : tuple of str
         Findings that a person should look at.
     """
@@ -135,7 +135,7 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
     if len(digits) > len(ROLES):
         raise InvalidRobot(f'{len(digits)} digits found; at most {len(ROLES)} are supported: '
                            'name their tips in the robot file (digits)')
-    if len(digits) == 2:
+    if _is_gripper(model, leaves, palm):
         return _gripper(model, palm, digits, tips, side, frames, unsure)
     if tips:
         if 'thumb' not in tips:
@@ -149,7 +149,8 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
     bases = np.array([frames[1][finger.base] for finger in fingers])
     across = _thumb_points(digits[thumb], frames) @ axes[:, 1] - np.mean(bases @ axes[:, 1])
     found = 'right' if across > 0. else 'left'
-    if abs(across) < .2 * np.ptp(bases @ axes[:, 1]):
+    # The base of one finger alone has no breadth.
+    if abs(across) < max(.2 * np.ptp(bases @ axes[:, 1]), 0. if len(fingers) > 1 else MIN_BONE):
         unsure.append(f'side: {found}, but the thumb is only {1e3 * abs(across):.0f} mm beside the '
                       "middle of the fingers' bases")
     if side is not None and side != found:
@@ -176,15 +177,20 @@ def gripper_positions(model: RobotModel) -> np.ndarray:
     return model.lower + shares * (model.upper - model.lower)
 
 
+def _is_gripper(model: RobotModel, leaves: list[int], palm: int) -> bool:
+    """Return whether there are two digits, which at most two variables move."""
+    moving = {int(model.joints.variable[joint]) for leaf in leaves
+              for joint in joints_before(model, leaf) if joint > palm}
+    return len(leaves) == 2 and len(moving) <= 2
+
+
 def _meeting(model: RobotModel, leaves: list[int], palm: int) -> list[np.ndarray | None]:
     """Return where the last links of a gripper meet as it closes, in the frame of each [m].
 
     None for other hands, and where the links' origins do not come nearer.
     """
     unknown: list[np.ndarray | None] = [None for _ in leaves]
-    moving = {int(model.joints.variable[joint]) for leaf in leaves
-              for joint in joints_before(model, leaf) if joint > palm}
-    if len(leaves) != 2 or len(moving) > 2:
+    if not _is_gripper(model, leaves, palm):
         return unknown
     places = [model.frames(position) for position in gripper_positions(model)]
     apart = [float(np.linalg.norm(origins[leaves[0]] - origins[leaves[1]]))

@@ -130,3 +130,23 @@ def test_our_own_hand_has_its_sphere_at_the_tip():
     for role, digit in robot.anatomy.digits.items():
         centre, radius = robot.spheres[role]
         np.testing.assert_allclose(np.linalg.norm(digit.tip - centre), radius, atol=1e-9)
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_two_digits_that_more_than_two_variables_move_are_a_hand(side):
+    tree = read_urdf_tree(urdf(wide_hand(side)))
+    whole, robot = robot_hand(tree), robot_hand(tree, {
+        role: f'{role}_tip' for role in ('thumb', 'index')})
+    assert not robot.anatomy.is_gripper and robot.side == side
+    for role, digit in robot.anatomy.digits.items():
+        assert len(digit.bones) == 3
+        np.testing.assert_allclose(digit.length, whole.anatomy.digits[role].length)
+        assert robot.spheres[role].radius < .02
+
+
+def test_the_thumb_of_two_digits_without_names_is_unsure():
+    text = urdf(wide_hand())
+    text = re.sub(r'(<joint name="(?:middle|ring|little)_\w+" type=)"revolute"', r'\1"fixed"', text)
+    anatomy = find_anatomy(robot_model(read_urdf_tree(nameless(text))))
+    assert not anatomy.is_gripper and set(anatomy.digits) == {'thumb', 'index'}
+    assert any(line.startswith('thumb: taken is the digit of') for line in anatomy.unsure)
