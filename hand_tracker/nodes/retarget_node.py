@@ -398,7 +398,8 @@ def _robot_and_person(values: Mapping[str, Any]) -> tuple[LoadedRobot, Hand]:
     person = with_defaults(values)
     follows_robot = values['side'] == AUTO and not values['hand_file']
     preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
-    loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred)
+    loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred,
+                        order=values['order'].split())
     if follows_robot:
         person['side'] = loaded.hand.side
     return loaded, starting_hand(person)[0]

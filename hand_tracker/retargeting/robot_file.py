@@ -7,7 +7,7 @@ parameter gives. All keys are optional; what is not given is found by geometry. 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import isfinite
 from pathlib import Path
@@ -63,7 +63,7 @@ def preset_names() -> list[str]:
 
 
 def load_robot(robot: str, urdf: str = '', side: str | None = None,
-               preferred_side: str = SIDES[0]) -> LoadedRobot:
+               preferred_side: str = SIDES[0], order: Sequence[str] = ()) -> LoadedRobot:
     """Return a robot of a preset, a robot file, a dex-retargeting file or a URDF.
 
     Parameters
@@ -76,6 +76,8 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         Of the robot; as in the file, or as the geometry says.
     preferred_side : {'right', 'left'}
         Of the URDF that is taken where a robot file has one for each side.
+    order : sequence of str, optional
+        Joints of a command, in place of the file's.
 
     Raises
     ------
@@ -84,7 +86,8 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     """
     if robot.endswith(('.urdf', '.xml')):
         file = resolve_path(robot, Path())
-        return _assemble({}, load_urdf_tree(file), side, robot)._replace(urdf=str(file.resolve()))
+        loaded = _assemble({}, load_urdf_tree(file), side, robot, order)
+        return loaded._replace(urdf=str(file.resolve()))
     path = share_directory() / 'config' / 'robots' / f'{robot}.yaml'
     if not path.is_file():
         path = resolve_path(robot, Path())
@@ -106,7 +109,7 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     else:
         file = resolve_path(given, Path() if urdf else path.parent)
         tree, place = load_urdf_tree(file), str(file.resolve())
-    loaded = _assemble(settings, tree, side, str(path))
+    loaded = _assemble(settings, tree, side, str(path), order)
     return loaded._replace(notes=(*notes, *loaded.notes), urdf=place)
 
 
@@ -128,7 +131,7 @@ def _read_settings(path: Path) -> dict[str, Any]:
 
 
 def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
-              source: str) -> LoadedRobot:
+              source: str, order: Sequence[str] = ()) -> LoadedRobot:
     """Return a robot from its settings and its URDF."""
     _require_keys('', settings, ROBOT_FILE_KEYS, source)
     side = side or settings.get('side')
@@ -141,8 +144,11 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
             raise InvalidRobot(f'{source}: digits.{role}: expected keys as '
                                f'{", ".join(DIGIT_KEYS)}')
         _require_keys(f'digits.{role}', digit, DIGIT_KEYS, source)
-    model = robot_model(tree)
+    order = order or settings.get('order') or ()
+    if not isinstance(order, (list, tuple)):
+        raise InvalidRobot(f'{source}: order: {order!r}; expected a list')
     try:
+        model = robot_model(tree, order)
         anatomy = find_anatomy(model, _tips(digits, model, side), side)
     except InvalidRobot as error:
         raise InvalidRobot(f'{source}: {error}') from None
@@ -158,9 +164,7 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     spheres, guessed = tip_spheres(model, anatomy, tree.spheres, radii, centres)
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
                      _rest(settings, model, source), _follow(settings, model, source))
-    order = settings.get('order') or model.variables
-    if not isinstance(order, (list, tuple)):
-        raise InvalidRobot(f'{source}: order: {order!r}; expected a list')
+    order = order or model.variables
     unknown = [name for name in order if name not in model.joint_names]
     if unknown:
         raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "

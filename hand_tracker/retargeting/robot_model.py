@@ -7,12 +7,13 @@ the joint that they follow.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.numerics.jit import jit
-from .robot_urdf import UrdfShape, UrdfTree
+from .robot_urdf import InvalidRobot, UrdfJoint, UrdfShape, UrdfTree
 
 STROKE_ANGLE = .5 * math.pi    # [rad] for which the stroke of a sliding joint counts; ours
 
@@ -74,7 +75,8 @@ class RobotModel(NamedTuple):
     lower, upper : ndarray, shape (n,)
         Limits of the variables within which mimic joints keep theirs [rad or m].
     velocity : ndarray, shape (n,)
-        Limits of the URDF [rad/s or m/s]; 0 where it has none.
+        Limits of the URDF, also of mimic joints that are commanded [rad/s or m/s]; 0 where it has
+        none.
     links : dict of str to LinkFrame
     shapes : tuple of UrdfShape
         To draw; none where the URDF has meshes alone.
@@ -143,12 +145,19 @@ class RobotModel(NamedTuple):
         return self.joints.multiplier * position[self.joints.variable] + self.joints.offset
 
 
-def robot_model(tree: UrdfTree) -> RobotModel:
+def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
     """Return the kinematic model of a URDF.
 
     Parameters
     ----------
     tree : UrdfTree
+    commanded : collection of str, optional
+        Mimic joints among these keep their limits and speeds, whatever is left to their variable.
+
+    Raises
+    ------
+    InvalidRobot
+        If the limits of a mimic joint that is commanded leave its variable nothing.
     """
     links = {tree.root: LinkFrame(-1, np.eye(3), np.zeros(3))}
     movable = [joint for joint in tree.joints if joint.is_movable]
@@ -176,19 +185,55 @@ def robot_model(tree: UrdfTree) -> RobotModel:
         for i, (kind, shape) in enumerate(zip(kinds, shapes))))
     bounds = np.array([(by_name[name].lower, by_name[name].upper)
                        for name in variables]).reshape(-1, 2)
+    velocity = np.array([by_name[name].velocity for name in variables])
     for joint, variable, multiplier, offset in zip(
             movable, joints.variable, joints.multiplier, joints.offset):
-        if joint.mimic is not None and multiplier and joint.upper > joint.lower:
-            lower, upper = bounds[variable]
-            ends = sorted((limit - offset) / multiplier for limit in (joint.lower, joint.upper))
-            narrowed = max(lower, ends[0]), min(upper, ends[1])
-            # A mimic joint whose limits contradict its line does not forbid all movement.
+        if joint.mimic is None:
+            continue
+        lower, upper = bounds[variable]
+        if joint.name in commanded:
+            bounds[variable] = _kept_by(joint, variables[variable], lower, upper, multiplier,
+                                        offset)
+            if joint.velocity and multiplier:
+                most = joint.velocity / abs(multiplier)
+                velocity[variable] = min(velocity[variable] or most, most)
+        elif multiplier and joint.upper > joint.lower:
+            narrowed = _narrowed(joint, lower, upper, multiplier, offset)
+            # A mimic joint whose limits contradict its line, as with the sign of its multiplier
+            # left out, does not forbid all movement.
             if narrowed[1] - narrowed[0] > .5 * (upper - lower):
                 bounds[variable] = narrowed
     return RobotModel(
         joints, tuple(joint.name for joint in movable), variables, bounds[:, 0].copy(),
-        bounds[:, 1].copy(), np.array([by_name[name].velocity for name in variables]), links,
-        tree.shapes)
+        bounds[:, 1].copy(), velocity, links, tree.shapes)
+
+
+def _narrowed(joint: UrdfJoint, lower: float, upper: float, multiplier: float,
+              offset: float) -> tuple[float, float]:
+    """Return the limits of a variable within which a mimic joint of it keeps its own."""
+    ends = sorted((limit - offset) / multiplier for limit in (joint.lower, joint.upper))
+    return max(lower, ends[0]), min(upper, ends[1])
+
+
+def _kept_by(joint: UrdfJoint, variable: str, lower: float, upper: float, multiplier: float,
+             offset: float) -> tuple[float, float]:
+    """Return as `_narrowed`, of a mimic joint that is commanded; refuse it where nothing is left.
+
+    One without limits has none to keep.
+    """
+    if joint.kind == 'continuous' or not joint.upper > joint.lower:
+        return lower, upper
+    kept = lower, upper
+    if multiplier:
+        kept = _narrowed(joint, lower, upper, multiplier, offset)
+    elif not joint.lower <= offset <= joint.upper:
+        kept = upper, lower
+    if kept[0] > kept[1] or kept[0] == kept[1] and lower < upper:
+        ends = sorted((multiplier * lower + offset, multiplier * upper + offset))
+        raise InvalidRobot(
+            f"order: '{joint.name}' follows '{variable}' from {ends[0]:g} to {ends[1]:g}, against "
+            f'its limits {joint.lower:g} to {joint.upper:g}: leave it out, or correct the URDF')
+    return kept
 
 
 @jit

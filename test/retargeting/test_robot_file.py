@@ -8,9 +8,10 @@ import yaml
 from helpers.capture_files import capture_folder
 from helpers.robots import GRIPPER, PARALLEL_GRIPPER, wide_hand
 
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.retarget_options import RetargetOptions
+from hand_tracker.retargeting.retarget_problem import make_problem
 from hand_tracker.retargeting.robot_file import load_robot, preset_names
 from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
 from hand_tracker.retargeting.robot_urdf import InvalidRobot
@@ -65,6 +66,36 @@ def test_the_plain_hand_comes_with_its_urdfs_of_which_one_mirrors_the_other():
 def test_a_gripper_preset_takes_a_gripper_and_xml():
     loaded = load_robot('robotiq_2f', GRIPPER)
     assert loaded.hand.anatomy.is_gripper and loaded.options.escape == .1
+
+
+def test_the_plain_hand_with_two_digits_is_no_gripper(tmp_path):
+    (tmp_path / 'two.yaml').write_text(
+        'digits: {thumb: {tip: thumb_tip}, index: {tip: index_tip}}\n')
+    plain = load_robot('plain')
+    loaded = load_robot(str(tmp_path / 'two.yaml'), plain.urdf)
+    assert not loaded.hand.anatomy.is_gripper
+    for role, sphere in loaded.hand.spheres.items():
+        np.testing.assert_allclose(sphere.radius, plain.hand.spheres[role].radius, atol=2e-3)
+    make_problem(loaded.hand, Hand.scaled(), loaded.options)
+    with pytest.raises(InvalidRobot, match="side: the robot's hand is a right one"):
+        make_problem(loaded.hand, Hand.scaled(side='left'), loaded.options)
+
+
+def test_an_order_that_is_given_counts_in_place_of_the_file_s(tmp_path):
+    text = GRIPPER.replace('upper="0.04" velocity="0.2"/><mimic',
+                           'upper="0.015" velocity="0.02"/><mimic')
+    for more in '', 'order: [slide]\n':
+        (tmp_path / 'gripper.yaml').write_text(f'rest: {{slide: 0.03}}\n{more}')
+        for given in (), ('slide', 'other'):
+            loaded = load_robot(str(tmp_path / 'gripper.yaml'), text, order=given)
+            assert loaded.order == (given or ('slide',))
+            assert loaded.hand.rest == loaded.hand.model.upper.clip(0., .03)
+            assert loaded.hand.model.upper == (.015 if given else .04)
+    (tmp_path / 'gripper.yaml').write_text('order: [slide, other]\n')
+    assert load_robot(str(tmp_path / 'gripper.yaml'), text).hand.model.velocity == .02
+    text = text.replace('<mimic joint="slide"/>', '<mimic joint="slide" multiplier="-1"/>')
+    with pytest.raises(InvalidRobot, match=r"gripper.yaml: order: 'other' follows 'slide' from"):
+        load_robot(str(tmp_path / 'gripper.yaml'), text)
 
 
 def test_what_inspecting_writes_is_the_same_robot(hand_urdf, tmp_path):

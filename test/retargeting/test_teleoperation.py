@@ -171,6 +171,20 @@ def test_a_gripper_eases_and_closes_by_its_stroke():
     assert np.abs(np.diff(places[:40])).max() <= .04 * .7 / (.5 * np.pi) * STEP + 1e-9
 
 
+def test_a_mimic_joint_that_is_commanded_keeps_its_limits_and_its_speed(tmp_path):
+    text = GRIPPER.replace('upper="0.04" velocity="0.2"/><mimic',
+                           'upper="0.015" velocity="0.02"/><mimic')
+    (tmp_path / 'gripper.yaml').write_text('order: [slide, other]\n')
+    rig = Rig(text, str(tmp_path / 'gripper.yaml')).engaged()
+    open_hand, pinch = rig.hand.relaxed(), pose_angles('pinch', rig.hand)
+    places = np.array([rig.tick(angles).position[1]
+                       for angles in (open_hand, pinch, open_hand) for _ in range(400)])
+    assert rig.it.guard.state is GuardState.FOLLOWING
+    assert np.ptp(places) > .01
+    assert places.min() >= 0. and places.max() <= .015
+    assert np.abs(np.diff(places)).max() <= .02 * STEP + 1e-9
+
+
 def test_a_hand_of_the_other_side_is_refused(own_hand):
     rig = Rig(urdf(wide_hand()), own_hand)
     left = [f'left_{joint}' for joint in JOINTS]
