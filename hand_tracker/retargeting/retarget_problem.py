@@ -39,7 +39,7 @@ def _used_joints(robot: RobotHand) -> list[int]:
 
 def used_variables(robot: RobotHand) -> list[int]:
     """Return the variables of the joints that move digits."""
-    return sorted({int(robot.model.joints.variable[joint]) for joint in _used_joints(robot)})
+    return robot.digit_variables
 
 
 def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Problem:

@@ -164,6 +164,11 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     spheres, guessed = tip_spheres(model, anatomy, tree.spheres, radii, centres)
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
                      _rest(settings, model, source), _follow(settings, model, source))
+    for one in hand.follow:
+        if one.variable not in hand.digit_variables:
+            able = ', '.join(model.variables[i] for i in hand.digit_variables)
+            raise InvalidRobot(f"{source}: follow: joint '{model.variables[one.variable]}' moves "
+                               f'no digit; expected one of {able}')
     order = order or model.variables
     unknown = [name for name in order if name not in model.joint_names]
     if unknown:

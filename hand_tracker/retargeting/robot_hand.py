@@ -81,6 +81,12 @@ class RobotHand(NamedTuple):
         return [self.model.variables[i] for i in sorted(
             {int(self.model.joints.variable[joint]) for joint in before})]
 
+    @property
+    def digit_variables(self) -> list[int]:
+        """Variables of the joints that move digits against the palm."""
+        return sorted({int(self.model.joints.variable[joint])
+                       for digit in self.anatomy.digits.values() for joint in digit.joints})
+
     def tip_positions(self, position: np.ndarray) -> np.ndarray:
         """Return the centres of the tip spheres in the palm's frame, shape (digits, 3) [m].
 

@@ -36,15 +36,10 @@ def findings(loaded: LoadedRobot) -> list[str]:
     if arm:
         lines.append(f'joints that move the palm, and are not commanded: {", ".join(arm)}')
     idle = [name for i, name in enumerate(model.variables)
-            if i not in _moving(robot) and name not in arm]
+            if i not in robot.digit_variables and name not in arm]
     if idle:
         lines.append(f'joints that move no digit, and stay: {", ".join(idle)}')
     return lines
-
-
-def _moving(robot: RobotHand) -> set[int]:
-    return {int(robot.model.joints.variable[joint]) for digit in robot.anatomy.digits.values()
-            for joint in digit.joints}
 
 
 def _palm_frame(robot: RobotHand) -> str:

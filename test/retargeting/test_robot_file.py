@@ -224,6 +224,15 @@ def test_what_is_wrong_is_named(settings, message, hand_urdf, tmp_path):
     assert message in str(refusal.value)
 
 
+def test_a_joint_that_moves_no_digit_follows_no_angle(hand_urdf, tmp_path):
+    hand_urdf.write_text(hand_urdf.read_text().replace('</robot>', (
+        '<link name="world"/><joint name="lift" type="prismatic"><parent link="world"/>'
+        '<child link="wrist"/><axis xyz="0 0 1"/><limit lower="0" upper="1"/></joint></robot>')))
+    with pytest.raises(InvalidRobot, match="follow: joint 'lift' moves no digit; expected one of "
+                                           'index_cmc_flexion, .*thumb_ip_flexion$'):
+        load_robot(robot_file(tmp_path, {'follow': {'lift': 'index_pip_flexion'}}))
+
+
 def test_an_unknown_robot_is_told_the_presets(tmp_path):
     with pytest.raises(InvalidRobot, match="'hal' is no file and no preset; presets are ability"):
         load_robot('hal')
