@@ -364,8 +364,8 @@ def _frame(distal: np.ndarray, dorsal: np.ndarray) -> np.ndarray:
     x = distal / np.linalg.norm(distal)
     z = dorsal - (dorsal @ x) * x
     if np.linalg.norm(z) < 1e-3:
-        raise InvalidRobot('the fingers bend in no common direction: give the axes in the robot '
-                           'file (palm)')
+        raise InvalidRobot('the fingers bend in no common direction: name in the robot file '
+                           '(digits) as fingers those that bend alike, as thumb one against them')
     z /= np.linalg.norm(z)
     return np.column_stack((x, np.cross(z, x), z))
 

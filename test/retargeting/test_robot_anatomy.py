@@ -118,6 +118,24 @@ def test_third_party_hands_are_found(name, side):
     assert robot.anatomy.unsure == ()
 
 
+def test_fingers_that_bend_against_each_other_are_refused_with_an_advice_that_works():
+    # Two bend towards -y, the third, between and opposite to them, towards +y.
+    text = '<robot name="claw"><link name="palm"/>' + ''.join(
+        f'<link name="{name}"/><link name="{name}_tip"/><joint name="{name}" type="revolute">'
+        f'<parent link="palm"/><child link="{name}"/><origin xyz="{x} {y} 0"/>'
+        f'<axis xyz="{axis} 0 0"/><limit lower="0" upper="1.5"/></joint>'
+        f'<joint name="{name}_end" type="fixed"><parent link="{name}"/><child link="{name}_tip"/>'
+        '<origin xyz="0 0 .08"/></joint>'
+        for name, x, y, axis in (('a', -.03, .03, 1), ('b', .03, .03, 1), ('c', 0., -.03, -1))
+    ) + '</robot>'
+    model = robot_model(read_urdf_tree(text))
+    with pytest.raises(InvalidRobot, match='name in the robot file .digits. as fingers those that '
+                                           'bend alike, as thumb one against them'):
+        find_anatomy(model, {'thumb': 'a_tip', 'index': 'b_tip', 'middle': 'c_tip'})
+    anatomy = find_anatomy(model, {'index': 'a_tip', 'middle': 'b_tip', 'thumb': 'c_tip'})
+    np.testing.assert_allclose(anatomy.axes[:, [0, 2]].T, ((0., 0., 1.), (0., 1., 0.)))
+
+
 def test_names_that_contradict_are_told():
     text = urdf(wide_hand()).replace('index_tip', 'x').replace('ring_tip', 'index_tip').replace(
         '"x"', '"ring_tip"')
