@@ -2,7 +2,11 @@
 
 The robot's wrist is moved by as much as the person's since both were engaged: by the same turn,
 and by the same way, scaled. While the clutch is held the robot's wrist stays, and the person's may
-go elsewhere; from its release on the robot's goes on from where it is.
+go elsewhere; from its release on the robot's goes on from where it is. So it does after a jump, a
+pause, or a change of the frame in which the person's wrist is given.
+
+Its speed rises by the acceleration at most, and falls so as it arrives; it stops at once where the
+clutch, a lost hand or a goal behind it ends the way.
 """
 
 from __future__ import annotations
@@ -44,9 +48,18 @@ class WristOptions:
         .25, .001, 5., 'm/s', "Of the robot's wrist")
     max_turn_rate: float = number_option(
         1., .01, 20., 'rad/s', "Of the robot's wrist")
+    max_acceleration: float = number_option(
+        2., .01, 100., 'm/s²', "With which the robot's wrist speeds up, and slows down as it "
+        'arrives')
+    max_turn_acceleration: float = number_option(
+        8., .01, 500., 'rad/s²', "With which the robot's wrist speeds up, and slows down as it "
+        'arrives')
     max_jump: float = number_option(
         .1, .001, 10., 'm', "Of the person's wrist from one frame to the next; after a larger one "
         'the robot goes on from where it is')
+    max_turn_jump: float = number_option(
+        .5, .01, 3.15, 'rad', "Of the turn of the person's wrist from one frame to the next; after "
+        'a larger one the robot goes on from where it is; 3.15 lets all pass')
     max_dt: float = number_option(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
     timeout: float = number_option(
@@ -120,28 +133,46 @@ class WristFollower:
         self.refused_jumps = 0
         self._axes = Rotation.from_euler('z', self.options.yaw_deg, degrees=True)
         self._person: WristPose | None = None
-        self._person_time = -math.inf
+        self._person_time, self._person_frame = -math.inf, ''
         self._is_clutched = False
         # Poses that belong together: of the person and of the robot.
         self._reference: tuple[WristPose, WristPose] | None = None
         self._sent: WristPose | None = None
         self._time = -math.inf
+        self._velocity = self._turn_rate = np.zeros(3)
 
     @property
     def is_engaged(self) -> bool:
         """Whether commands are made."""
         return self._sent is not None
 
-    def observe(self, pose: WristPose | None, now: float) -> None:
-        """Take the pose of the person's wrist, in the markers' frame; None is left out."""
+    def observe(self, pose: WristPose | None, now: float, frame: str = '') -> None:
+        """Take the pose of the person's wrist.
+
+        Parameters
+        ----------
+        pose : WristPose or None
+            In the markers' frame; None is left out.
+        now : float
+            [s]
+        frame : str
+            Name of that frame; poses in two frames tell nothing of a movement.
+        """
         if pose is None or not math.isfinite(now):
             return
         if self._person is not None:
-            jumped = np.linalg.norm(pose.position - self._person.position) > self.options.max_jump
-            self.refused_jumps += int(jumped)
-            if jumped or now - self._person_time > self.options.timeout:
+            has_jumped = frame == self._person_frame and self._is_jump(self._person, pose)
+            self.refused_jumps += int(has_jumped)
+            if has_jumped or frame != self._person_frame or (
+                    now - self._person_time > self.options.timeout):
                 self._reference = None
-        self._person, self._person_time = pose, now
+        self._person, self._person_time, self._person_frame = pose, now, frame
+
+    def _is_jump(self, before: WristPose, after: WristPose) -> bool:
+        """Return whether the person's wrist went or turned too far in a frame."""
+        way = float(np.linalg.norm(after.position - before.position))
+        turn = float((after.rotation * before.rotation.inv()).magnitude())
+        return way > self.options.max_jump or turn > self.options.max_turn_jump
 
     def engage(self, robot: WristPose | None, now: float) -> str:
         """Let the robot's wrist follow from where it is; return why not, or nothing.
@@ -158,6 +189,7 @@ class WristFollower:
         if self._person is None or now - self._person_time > self.options.timeout:
             return "the pose of the person's wrist is missing"
         self._sent, self._time, self._reference = robot, now, (self._person, robot)
+        self._velocity = self._turn_rate = np.zeros(3)
         return ''
 
     def disengage(self) -> None:
@@ -181,24 +213,56 @@ class WristFollower:
             return None
         step = min(max(now - self._time, 0.), self.options.max_dt)
         self._time = max(now, self._time)
-        still = WristCommand(self._sent, np.zeros(3), np.zeros(3))
         is_lost = now - self._person_time > self.options.timeout
         if self._person is None or is_lost or self._is_clutched or step <= 0.:
             if is_lost:
                 self._reference = None
-            return still
+            self._velocity = self._turn_rate = np.zeros(3)
+            return WristCommand(self._sent, self._velocity, self._turn_rate)
         if self._reference is None:
             self._reference = self._person, self._sent
         person, robot = self._reference
         way = self.options.scale * self._axes.apply(self._person.position - person.position)
         turn = self._axes * self._person.rotation * person.rotation.inv() * self._axes.inv()
-        move = _shortened(robot.position + way - self._sent.position,
-                          self.options.max_speed * step)
+        self._velocity = _next_velocity(
+            self._velocity, robot.position + way - self._sent.position, step,
+            self.options.max_speed, self.options.max_acceleration)
         rest = turn * robot.rotation * self._sent.rotation.inv()
-        turned = _shortened(rest.as_rotvec(), self.options.max_turn_rate * step)
-        self._sent = WristPose(self._sent.position + move,
-                               type(turn).from_rotvec(turned) * self._sent.rotation)
-        return WristCommand(self._sent, move / step, turned / step)
+        self._turn_rate = _next_velocity(
+            self._turn_rate, rest.as_rotvec(), step,
+            self.options.max_turn_rate, self.options.max_turn_acceleration)
+        self._sent = WristPose(
+            self._sent.position + step * self._velocity,
+            type(turn).from_rotvec(step * self._turn_rate) * self._sent.rotation)
+        return WristCommand(self._sent, self._velocity, self._turn_rate)
+
+
+def _next_velocity(velocity: np.ndarray, rest: np.ndarray, step: float, most: float,
+                   acceleration: float) -> np.ndarray:
+    """Return the velocity of the next step of a way.
+
+    Parameters
+    ----------
+    velocity : ndarray, shape (3,)
+        Of the last step [m/s or rad/s].
+    rest : ndarray, shape (3,)
+        What is left of the way [m or rad].
+    step : float
+        [s]
+    most, acceleration : float
+        Of its length [m/s or rad/s], and of its rise [m/s² or rad/s²].
+    """
+    left = float(np.linalg.norm(rest))
+    if left <= 0.:
+        return np.zeros(3)
+    # From which steps of equal deceleration end at the goal: v² / 2a + v step / 2 = left.
+    gain = acceleration * step
+    arriving = math.sqrt(.25 * gain**2 + 2. * acceleration * left) - .5 * gain
+    wanted = rest * (min(most, arriving, left / step) / left)
+    # What of the velocity leads there is kept; the rest of it ends at once.
+    speed = float(velocity @ velocity)
+    kept = velocity * min(max(float(velocity @ wanted) / speed, 0.), 1.) if speed > 0. else velocity
+    return kept + _shortened(wanted - kept, gain)
 
 
 def _shortened(vector: np.ndarray, most: float) -> np.ndarray:

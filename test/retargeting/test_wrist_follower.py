@@ -29,14 +29,14 @@ class Rig:
         self.it.observe(PERSON, self.now)
         assert self.it.engage(ROBOT_WRIST, self.now) == ''
 
-    def tick(self, pose):
+    def tick(self, pose, frame=''):
         self.now += STEP
-        self.it.observe(pose, self.now)
+        self.it.observe(pose, self.now, frame)
         return self.it.command(self.now)
 
-    def settle(self, pose, ticks=300):
+    def settle(self, pose, ticks=300, frame=''):
         for _ in range(ticks):
-            command = self.tick(pose)
+            command = self.tick(pose, frame)
         return command.pose
 
 
@@ -80,7 +80,8 @@ def test_while_the_clutch_is_held_the_robot_stays_and_then_goes_on():
 
 @pytest.mark.parametrize('fault', ['jump', 'lost', 'late'])
 def test_speeds_hold_whatever_comes_and_a_jump_is_not_followed(fault):
-    rig = Rig()
+    # Every turn is followed, so that the speed is tried.
+    rig = Rig(max_turn_jump=3.15)
     before = rig.settle(moved(x=.02))
     if fault == 'lost':
         rig.now += 10.
@@ -97,6 +98,65 @@ def test_speeds_hold_whatever_comes_and_a_jump_is_not_followed(fault):
         assert np.linalg.norm(turned_by(last, command.pose)) <= (
             rig.it.options.max_turn_rate * STEP + 1e-9)
         last = command.pose
+
+
+def test_a_flip_of_the_persons_wrist_is_not_followed():
+    rig = Rig()
+    before = rig.settle(moved(x=.02, turn=(0., 0., .2)))
+    assert rig.it.refused_jumps == 0
+    for turn in ((3., 0., 0.), (0., 0., .2), (0., 0., .75)):
+        after = rig.settle(moved(x=.02, turn=turn), 50)
+        np.testing.assert_allclose(turned_by(before, after), 0., atol=1e-9)
+    assert rig.it.refused_jumps == 3
+    # It goes on from there, and a turn of less is a movement.
+    after = rig.settle(moved(x=.02, turn=(0., 0., 1.2)))
+    np.testing.assert_allclose(turned_by(before, after), (0., 0., .45), atol=1e-9)
+    assert rig.it.refused_jumps == 3
+
+
+def test_another_frame_of_the_persons_wrist_is_no_movement():
+    rig = Rig()
+    before = rig.settle(moved(x=.02))
+    for frame in ('room', 'floor'):
+        after = rig.settle(moved(x=.09, turn=(0., 0., .3)), 50, frame)
+        np.testing.assert_allclose(after.position, before.position, atol=1e-9)
+        np.testing.assert_allclose(turned_by(before, after), 0., atol=1e-9)
+    assert rig.it.refused_jumps == 0
+    after = rig.settle(moved(x=.05, turn=(0., 0., .3)), frame='floor')
+    np.testing.assert_allclose(after.position - before.position, (-.04, 0., 0.), atol=1e-9)
+
+
+@pytest.mark.parametrize('turn', [False, True])
+def test_the_speed_rises_by_the_acceleration_and_falls_by_it_as_it_arrives(turn):
+    rig = Rig(max_turn_rate=1., max_turn_acceleration=4., max_speed=.25, max_acceleration=1.)
+    goal = moved(turn=(0., 0., .4)) if turn else moved(y=.09)
+    acceleration, most = (4., 1.) if turn else (1., .25)
+    speeds = [0.]
+    for _ in range(100):
+        command = rig.tick(goal)
+        speeds.append(float(np.linalg.norm(command.angular if turn else command.linear)))
+    assert np.abs(np.diff(speeds)).max() <= acceleration * STEP + 1e-9
+    assert max(speeds) == pytest.approx(most) and speeds[1] == pytest.approx(acceleration * STEP)
+    assert speeds[-1] < 1e-9
+    assert STEP * sum(speeds) == pytest.approx(.4 if turn else .09)
+    # Sent back, it neither goes on nor starts at full speed; the clutch stops it at once.
+    rig.settle(moved(), 20)
+    back = rig.tick(goal)
+    assert np.linalg.norm((*back.linear, *back.angular)) == pytest.approx(acceleration * STEP)
+    rig.it.clutch(True)
+    held = rig.tick(goal)
+    assert not held.linear.any() and not held.angular.any()
+
+
+def test_it_follows_as_evenly_as_the_person_moves_whose_frames_are_rarer_than_commands():
+    rig, speeds = Rig(), []
+    for i in range(300):
+        rig.now += STEP
+        if i % 3 == 0:
+            rig.it.observe(moved(y=.1 * STEP * i), rig.now)
+        speeds.append(float(rig.it.command(rig.now).linear[1]))
+    assert np.ptp(speeds[100:]) < .05
+    assert np.mean(speeds[100:]) == pytest.approx(.1, rel=.02)
 
 
 def test_without_both_poses_it_is_not_engaged_and_sends_nothing():
