@@ -120,7 +120,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
         self._robot_wrist_time = -math.inf
-        self._is_clutched, self._wrist_fault = False, ''
+        self._is_clutched, self._wrist_fault, self._frame_fault = False, '', ''
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
         self._sent = self._wrist_sent = -self._period
@@ -280,10 +280,18 @@ class RetargetNode(SubscriptionHidingNode):
         for transform in message.transforms:
             if transform.child_frame_id == self._wrist_frame:
                 now = time.monotonic()
-                self._wrist.observe(wrist_pose_of(*pose_numbers(transform.transform)), now)
+                self._wrist.observe(wrist_pose_of(*pose_numbers(transform.transform)), now,
+                                    transform.header.frame_id)
                 self._send_wrist(now)
 
     def _on_robot_wrist(self, message: PoseStamped) -> None:
+        frame = message.header.frame_id
+        self._frame_fault = '' if frame in ('', self._base_frame) else (
+            f"robot/wrist_pose: frame_id '{frame}'; expected wrist.base_frame, "
+            f"'{self._base_frame}'")
+        if self._frame_fault:
+            self.get_logger().warning(f'left out: {self._frame_fault}', once=True)
+            return
         self._robot_wrist = wrist_pose_of(*pose_numbers(message.pose))
         self._robot_wrist_time = time.monotonic()
 
@@ -388,7 +396,8 @@ class RetargetNode(SubscriptionHidingNode):
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),
-            **({'wrist': self._wrist_fault or 'ok'} if self._wrist_outputs else {})})
+            **({'wrist': self._frame_fault or self._wrist_fault or 'ok'}
+               if self._wrist_outputs else {})})
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
 

@@ -288,6 +288,53 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
     assert 'Traceback' not in process.output
 
 
+def test_a_wrist_in_another_frame_is_refused_by_name_or_no_movement(robot):
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg')
+    parameters = {'robot': robot, 'wrist.outputs': 'pose', 'wrist.base_frame': 'arm_base'}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        bench.start = robot_states(joints(), .05)
+        wrist, arm = TransformStamped(child_frame_id='right_wrist'), PoseStamped()
+        wrist.header.frame_id, wrist.transform.rotation.w = 'markers', 1.
+        arm.header.frame_id, arm.pose.position.z, arm.pose.orientation.w = 'world', 1.7, 1.
+        hand = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
+        arms = node.create_publisher(PoseStamped, 'robot/wrist_pose', 10)
+        targets = node.collect(PoseStamped, 'robot/wrist_target')
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+
+        def tell():
+            arms.publish(arm)
+            hand.publish(tf2_msgs.TFMessage(transforms=[wrist]))
+
+        def said_of_wrist():
+            return [value.value for message in diagnostics for status in message.status
+                    for value in status.values if value.key == 'wrist']
+
+        node.create_timer(PERIOD, tell)
+        bench.until('following')
+        node.spin_until(lambda: "frame_id 'world'" in ''.join(said_of_wrist()[-1:]))
+        process.wait_for_line("left out: robot/wrist_pose: frame_id 'world'; expected "
+                              "wrist.base_frame, 'arm_base'")
+        # Nor is a target sent from there.
+        assert not targets
+        arm.header.frame_id, arm.pose.position.z = 'arm_base', .7
+        node.spin_until(lambda: len(targets) > 20 and said_of_wrist()[-1] == 'ok')
+        # The same place, as another frame has it; then a way of 5 cm in that frame.
+        wrist.header.frame_id, wrist.transform.translation.z = 'room', .09
+        before = len(targets)
+        node.spin_until(lambda: len(targets) > before + 50)
+        wrist.transform.translation.z = .14
+        node.spin_until(lambda: targets[-1].pose.position.z > .749)
+        there = len(targets)
+        node.spin_until(lambda: len(targets) > there + 20)
+        assert {one.header.frame_id for one in targets} == {'arm_base'}
+        assert targets[0].pose.position.z == pytest.approx(.7)
+        assert max(one.pose.position.z for one in targets) == pytest.approx(.75)
+        assert process.interrupt() == 0, process.output
+    assert process.output.count('left out: robot/wrist_pose') == 1
+    assert 'Traceback' not in process.output
+
+
 @pytest.mark.skipif(not COMPILED, reason='needs the fast path')
 def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
     tf2_msgs = pytest.importorskip('tf2_msgs.msg')
