@@ -64,12 +64,24 @@ def human_robot(side='right'):
     return robot_hand(read_urdf_tree(urdf(wide_hand(side))))
 
 
+def dexi_urdf(name):
+    """Return the path of a URDF that dexi-rs brings; the test that asks is skipped without it."""
+    dexi = pytest.importorskip(
+        'dexi_rs', reason=f'no dexi_rs, which brings {name}.urdf (requirements/peers.in)')
+    found = sorted(dexi.asset_path('robots/hands').rglob(f'{name}.urdf'))
+    assert len(found) == 1, f'{name}.urdf among the assets of dexi_rs: {found}'
+    return found[0]
+
+
+def third_party_urdf(name):
+    """Return the path of a URDF of the captures' folder, else of dexi-rs; as `dexi_urdf` skips."""
+    path = capture_folder() / 'robots' / f'{name}.urdf'
+    return path if path.exists() else dexi_urdf(name)
+
+
 def third_party_robot(name):
     """Return a robot of the captures' folder; the test that asks is skipped where it is absent."""
-    path = capture_folder() / 'robots' / f'{name}.urdf'
-    if not path.exists():
-        pytest.skip(f'no URDF {path}')
-    return robot_hand(load_urdf_tree(path))
+    return robot_hand(load_urdf_tree(third_party_urdf(name)))
 
 
 class FollowingRobot:

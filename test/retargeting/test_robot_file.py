@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 import yaml
-from helpers.capture_files import capture_folder
-from helpers.robots import GRIPPER, PARALLEL_GRIPPER, wide_hand
+from helpers.robots import GRIPPER, PARALLEL_GRIPPER, third_party_urdf, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.package_data import share_directory
 from hand_tracker.retargeting.retarget_options import RetargetOptions
 from hand_tracker.retargeting.retarget_problem import make_problem
 from hand_tracker.retargeting.robot_file import load_robot, preset_names
@@ -38,13 +38,18 @@ def test_the_presets_are_there():
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
-@pytest.mark.parametrize('preset', ['ability', 'allegro', 'inspire', 'leap', 'shadow'])
-def test_a_preset_takes_the_urdf_of_either_side(preset, side):
-    path = capture_folder() / 'robots' / f'{preset}_hand_{side}.urdf'
-    if not path.exists():
-        pytest.skip(f'no URDF {path}')
-    loaded = load_robot(preset, str(path))
-    assert loaded.hand.side == side and loaded.notes == ()
+@pytest.mark.parametrize('preset, urdf_name', [
+    *((preset, preset + '_hand_{}') for preset in (
+        'ability', 'allegro', 'inspire', 'leap', 'schunk_svh', 'shadow')),
+    ('fourier', 'fourier_{}_hand_6dof'), ('fourier', 'fourier_{}_hand_12dof')])
+def test_a_preset_takes_the_urdf_of_either_side(preset, urdf_name, side):
+    loaded = load_robot(preset, str(third_party_urdf(urdf_name.format(side))))
+    assert loaded.hand.side == side and loaded.notes == () and loaded.guesses == {}
+    settings = yaml.safe_load(
+        (share_directory() / 'config' / 'robots' / f'{preset}.yaml').read_text())
+    assert list(loaded.hand.anatomy.digits) == list(settings['digits'])
+    for role, digit in settings['digits'].items():
+        assert 1e3 * loaded.hand.spheres[role].radius == pytest.approx(digit['radius_mm'])
     assert set(loaded.order) == set(loaded.hand.model.variables)
 
 
