@@ -108,7 +108,7 @@ class RetargetNode(SubscriptionHidingNode):
         names = names_of(hand, values['prefix'], values['wrist_frame'], values['on_body'])
         self._teleoperation = Teleoperation(
             loaded, hand, names.prefix, GuardOptions(**_options(GuardOptions, 'safety', values)),
-            values['order'].split(), values['min_confidence'])
+            values['min_confidence'])
         self._compile(loaded, hand)
         self._period = 1. / values['rate']
         self._outputs = self._make_command_outputs(values)

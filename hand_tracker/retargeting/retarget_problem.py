@@ -37,11 +37,6 @@ def _used_joints(robot: RobotHand) -> list[int]:
     return sorted({joint for digit in robot.anatomy.digits.values() for joint in digit.joints})
 
 
-def used_variables(robot: RobotHand) -> list[int]:
-    """Return the variables of the joints that move digits."""
-    return robot.digit_variables
-
-
 def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Problem:
     """Return the arrays of the kernel for a robot, a person and options.
 
@@ -61,7 +56,7 @@ def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Prob
         raise InvalidRobot(f"side: the robot's hand is a {robot.side} one, the person's a "
                            f"{hand.side} one; expected a {hand.side} robot, or the person's "
                            f'{robot.side} hand (--side {robot.side}, side:={robot.side})')
-    joints, variables = _used_joints(robot), used_variables(robot)
+    joints, variables = _used_joints(robot), robot.digit_variables
     roles = list(robot.anatomy.digits)
     bones = [(role, bone, rows) for role in roles for bone, rows in _matched_bones(robot, role)]
     for name, count, most in (('joints', len(joints), MAX_JOINTS),

@@ -14,7 +14,7 @@ from .hand_frame import require_wrist_frame
 from .human_hand import HumanHand, new_human_hand, place_landmarks
 from .retarget_kernel import Problem, Solution, solve_frame
 from .retarget_options import RetargetOptions
-from .retarget_problem import make_problem, new_solution, used_variables
+from .retarget_problem import make_problem, new_solution
 from .robot_hand import RobotHand
 
 # The first frame is solved from several positions, as a start far away may end in a corner.
@@ -51,7 +51,7 @@ class Retargeter:
         self.hand = hand
         self.options = options or RetargetOptions()
         self.names: Sequence[str] = robot.model.variables
-        self._used = used_variables(robot)
+        self._used = robot.digit_variables
         self._human, self.human = packed(new_human_hand(hand))
         self._problem, self.problem = packed(make_problem(robot, hand, self.options))
         self._solution, self.solution = packed(new_solution(robot.rest[self._used]))

@@ -171,9 +171,9 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
                                f'no digit; expected one of {able}')
     order = order or model.variables
     unknown = [name for name in order if name not in model.joint_names]
-    if unknown:
-        raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "
-                           f'{", ".join(model.joint_names)}')
+    if unknown or len(set(order)) != len(order):
+        what = f"there is no movable joint '{unknown[0]}'" if unknown else 'a joint comes twice'
+        raise InvalidRobot(f'{source}: order: {what}; there are {", ".join(model.joint_names)}')
     # A centre that is not given goes with the radius.
     guesses = {role: ('radius_mm',) if role in centres else ('tip_offset_mm', 'radius_mm')
                for role in guessed}

@@ -21,7 +21,6 @@ from .follow_kernel import (
 )
 from .guard_kernel import GUARD_CAPACITY
 from .guard_options import GuardOptions
-from .retarget_problem import used_variables
 from .retargeter import Retargeter
 from .robot_file import LoadedRobot
 from .robot_urdf import InvalidRobot
@@ -88,8 +87,6 @@ class Teleoperation:
     prefix : str
         Of the hand's joints, such as 'right_'.
     options : GuardOptions, optional
-    order : sequence of str, optional
-        Joints of a command, in their order; the robot file's when left out.
     min_confidence : float, optional
         `mean_confidence` of the hand below which it counts as lost.
 
@@ -102,25 +99,20 @@ class Teleoperation:
     Raises
     ------
     InvalidRobot
-        If robot and person do not fit, or the order names a joint that there is none of.
+        If robot and person do not fit, or the order of commands lacks a joint that moves a digit.
     """
 
     def __init__(self, loaded: LoadedRobot, hand: Hand, prefix: str,
-                 options: GuardOptions | None = None, order: Sequence[str] = (),
-                 min_confidence: float = 0.) -> None:
+                 options: GuardOptions | None = None, min_confidence: float = 0.) -> None:
         robot, model = loaded.hand, loaded.hand.model
         self._retargeter = Retargeter(robot, hand, loaded.options)
         self._hand_names = [prefix + joint for joint in JOINTS]
         other = f'{SIDES[1 - SIDES.index(hand.side)]}_'
         self._other_names = [other + joint for joint in JOINTS] if other != prefix else []
         self._model = model
-        used = used_variables(robot)
+        used = robot.digit_variables
         self._idle = [i for i in range(len(model.variables)) if i not in used]
-        self.order = tuple(order) or loaded.order
-        unknown = [name for name in self.order if name not in model.joint_names]
-        if unknown or len(set(self.order)) != len(self.order):
-            what = f"there is no movable joint '{unknown[0]}'" if unknown else 'a joint comes twice'
-            raise InvalidRobot(f'order: {what}; there are {", ".join(model.joint_names)}')
+        self.order = loaded.order
         if max(len(model.variables), len(self.order)) > GUARD_CAPACITY:
             raise InvalidRobot(f'{len(model.variables)} independent joints; at most '
                                f'{GUARD_CAPACITY} are supported')

@@ -61,9 +61,9 @@ print(rtsys.get_allocation_stats().alloc - before - 200 * len(packs))
 class Rig:
     """A hand and a robot on one clock; the robot does at once what it is told."""
 
-    def __init__(self, text=None, robot=None, hand=None, **more):
+    def __init__(self, text=None, robot=None, hand=None, order=(), **more):
         path = 'robotiq_2f' if text == GRIPPER else robot
-        self.loaded = load_robot(path, text or '')
+        self.loaded = load_robot(path, text or '', order=order)
         self.hand = hand or wide_hand()
         self.it = Teleoperation(self.loaded, self.hand, f'{self.hand.side}_', **more)
         self.names = list(self.loaded.hand.model.joint_names)
