@@ -1,7 +1,6 @@
 """Measure the way from markers to a robot's command over DDS, beside the C echo's round trip.
 
-    python -m benchmarks.command_round_trip [--rates 120 480] [--seconds 5] [--robot ROBOT]
-        [--json OUT]
+    python -m benchmarks.command_round_trip [--rates 120 480] [--robot plain] [--json OUT]
 
 Markers are published, and at 100 Hz the joint states of the robot; a tracker node and a retarget
 node, in one process and each in one of its own, with their defaults, answer with the command of the
