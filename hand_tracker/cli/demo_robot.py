@@ -45,7 +45,7 @@ class DrivenRobot:
         self._position = self._model.joint_positions(loaded.hand.rest)
         # Of the variables, by stamp [ns]: that of the frame of the hand that is answered.
         self.commands: dict[int, np.ndarray] = {}
-        self._is_engaged, self._asked = False, 0.
+        self._asked = self._command_time = 0.
         self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
         self._engage = node.create_client(SetBool, 'retarget/engage')
         node.create_subscription(JointState, 'robot/command', self._on_command, 100)
@@ -57,6 +57,7 @@ class DrivenRobot:
         return self._engage.service_is_ready()
 
     def _on_command(self, message: JointState) -> None:
+        self._command_time = time.monotonic()
         at = dict(zip(message.name, message.position))
         self._position = np.array([at.get(name, before) for name, before in zip(
             self._model.joint_names, self._position)])
@@ -67,12 +68,10 @@ class DrivenRobot:
         self._states.publish(JointState(
             name=self._model.joint_names, position=self._position.tolist()))
         now = time.monotonic()
-        if not self._is_engaged and self.is_ready and now - self._asked > ENGAGE_EVERY:
+        # Again where it was disengaged, as on a machine that is too busy.
+        if self.is_ready and now - max(self._asked, self._command_time) > ENGAGE_EVERY:
             self._asked = now
-            self._engage.call_async(SetBool.Request(data=True)).add_done_callback(self._on_answer)
-
-    def _on_answer(self, answer: object) -> None:
-        self._is_engaged = answer.result().success  # type: ignore[attr-defined]
+            self._engage.call_async(SetBool.Request(data=True))
 
     def save(self, output: Path, hand: Hand, stamps: np.ndarray, angles: np.ndarray) -> None:
         """Draw what it was commanded beside what the hand did: `robot.gif` and `robot.png`.

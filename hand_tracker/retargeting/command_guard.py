@@ -110,6 +110,7 @@ class CommandGuard:
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
         self._must_release = False
+        self._judged_time = self._resumed_time = -math.inf
         self.lacking = ''
 
     @property
@@ -253,8 +254,7 @@ class CommandGuard:
         """
         if not math.isfinite(now):
             return 'the time is not finite'
-        if now - self.memory.press_time[0] > self.options.hold_timeout:
-            self._must_release = False
+        self.judge_ages(now)
         self.memory.press_time[0] = now
         return 'the deadman was not released since' if self._must_release else self.engage(now)
 
@@ -322,8 +322,14 @@ class CommandGuard:
         if not math.isfinite(now):
             return
         memory = self.memory
+        if now - self._judged_time > self.options.hold_timeout:
+            self._resumed_time = now
+        self._judged_time = now
         if self.is_engaged and now - memory.press_time[0] > memory.hold_timeout:
             self.disengage('the deadman was released')
+        # Silence while this process itself was stopped is no release.
+        elif now - max(memory.press_time[0], self._resumed_time) > self.options.hold_timeout:
+            self._must_release = False
         if self.is_engaged and now - memory.robot_time[0] > memory.robot_timeout:
             # It may start anew elsewhere, and would snap to the command.
             self.disengage("the robot's joint states ended")

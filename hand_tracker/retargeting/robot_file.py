@@ -156,7 +156,11 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     for role in anatomy.digits:
         given = digits.get(role, {})
         if given.get('radius_mm') is not None:
-            radii[role] = _number(given['radius_mm'], f'{source}: digits.{role}.radius_mm') / 1e3
+            radius_mm = _number(given['radius_mm'], f'{source}: digits.{role}.radius_mm')
+            if radius_mm < 0.:
+                raise InvalidRobot(f'{source}: digits.{role}.radius_mm: {radius_mm:g}; expected '
+                                   'none below 0')
+            radii[role] = radius_mm / 1e3
         if 'tip_offset_mm' in given:
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
             place = model.links[anatomy.digits[role].tip_link]

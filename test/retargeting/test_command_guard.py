@@ -429,6 +429,26 @@ def test_a_deadman_that_is_pressed_on_and_on_undoes_no_stop(why, relax):
     assert pressed(.1)[-1] is not None
 
 
+@pytest.mark.parametrize('gap', [.3, .9, 2., 3600.])
+@pytest.mark.parametrize('first', ['press', 'hand', 'timer'])
+def test_a_stop_of_the_process_is_no_release_of_the_deadman(gap, first):
+    rig = Rig(hold_to_engage=True)
+    rig.tick()
+    for _ in range(300):
+        rig.guard.press(rig.now)
+        rig.tick()
+    assert rig.guard.state is GuardState.FOLLOWING
+    rig.now += gap
+    if first != 'press':
+        rig.tick(hand=HAND if first == 'hand' else None, step=0.)
+    for _ in range(200):
+        rig.guard.press(rig.now)
+        assert rig.tick() is None
+    rig.guard.release()
+    rig.guard.press(rig.now)
+    assert rig.tick() is not None
+
+
 @pytest.mark.parametrize('robot', [LOWER, UPPER, LOWER - .1, UPPER + .1])
 def test_limits_are_kept_with_a_margin_that_a_robot_at_its_limit_enters_slowly(robot):
     rig = Rig()

@@ -210,6 +210,7 @@ def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monk
     ({'digits': {'thumb': 'x'}}, 'digits.thumb: expected keys as tip'),
     ({'digits': {'thumb': {'tip': 'x'}, 'index': {'tip': 'index_tip'}}}, "there is no link 'x'"),
     ({'digits': {'index': {'radius_mm': 'big'}}}, "digits.index.radius_mm: 'big'; expected a"),
+    ({'digits': {'index': {'radius_mm': -3}}}, 'digits.index.radius_mm: -3; expected none below'),
     ({'digits': {'index': {'tip_offset_mm': [1]}}}, 'tip_offset_mm: [1]; expected three'),
     ({'rest': {'knee': 0.}}, "rest: there is no independent joint 'knee'"),
     ({'follow': {'index_pip_flexion': 'knee'}}, "angle: 'knee'; expected one of index_cmc"),
