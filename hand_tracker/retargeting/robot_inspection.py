@@ -109,8 +109,9 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
 
 def _section(key: str, values: Mapping[str, str]) -> list[str]:
     """Return the lines of a mapping of YAML, none for none."""
-    return [f'{key}:', *(f'  {_text(name)}: {value}' for name, value in values.items())] * bool(
-        values)
+    if not values:
+        return []
+    return [f'{key}:', *(f'  {_text(name)}: {value}' for name, value in values.items())]
 
 
 def _text(value: str) -> str:

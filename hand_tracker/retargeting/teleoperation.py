@@ -243,8 +243,8 @@ class Teleoperation:
         rows, is_new = self._robot_rows.find(names)
         if is_new:
             self.guard.lacking = next(
-                (name for name, needed in zip(self._model.variables, self._needed)
-                 if needed and name not in names), '')
+                (name for name, needed, row in zip(self._model.variables, self._needed, rows)
+                 if needed and row < 0), '')
         if self.guard.lacking or len(positions) != len(names):
             return
         there = rows >= 0

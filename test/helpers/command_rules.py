@@ -3,6 +3,16 @@
 import numpy as np
 
 
+def use_deadman(guard, fault, now):
+    """Press the deadman, unless a fault is that somebody disengages the robot, or releases it."""
+    if fault == 'disengaged':
+        guard.disengage()
+    elif fault == 'released':
+        guard.release()
+    else:
+        guard.press(now)
+
+
 class CommandRules:
     """Check a stream of commands: finite, within limits, speed and acceleration, none unasked.
 

@@ -1,6 +1,7 @@
 """The retarget node: nothing moves before it is engaged, then commands come in every form."""
 
 import signal
+from contextlib import contextmanager
 from operator import itemgetter
 
 import numpy as np
@@ -152,32 +153,34 @@ def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
     assert 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('fast_path', [True, False])
-def test_a_tracker_that_repeats_its_last_frame_is_no_hand(fast_path, robot):
+@contextmanager
+def following(robot, fast_path):
+    """Yield process, watching node and bench of a robot that follows; it ends without a fault."""
     parameters = {'robot': robot, 'fast_path': fast_path}
     with NodeProcess(MODULE, parameters) as process, watching_node() as node:
         bench = Bench(node)
         process.wait_for_line('listening')
         bench.start = robot_states(joints(), .05)
         bench.until('following')
+        yield process, node, bench
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('fast_path', [True, False])
+def test_a_tracker_that_repeats_its_last_frame_is_no_hand(fast_path, robot):
+    with following(robot, fast_path) as (_, node, bench):
         bench.is_frozen = True
         node.spin_until(lambda: bench.states[-1] == 'disengaged')
         assert bench.states[-2:] == ['holding', 'disengaged']
         assert 'no hand' in bench.engage().message
         bench.is_frozen = False
         bench.until_engaged()
-        assert process.interrupt() == 0, process.output
-    assert 'Traceback' not in process.output
 
 
 @pytest.mark.parametrize('fast_path', [True, False])
 def test_a_node_that_was_stopped_for_long_does_not_go_on(fast_path, robot):
-    parameters = {'robot': robot, 'fast_path': fast_path}
-    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
-        bench = Bench(node)
-        process.wait_for_line('listening')
-        bench.start = robot_states(joints(), .05)
-        bench.until('following')
+    with following(robot, fast_path) as (process, node, bench):
         process.send_signal(signal.SIGSTOP)
         stopped = len(bench.states)
         # As the hand is elsewhere when it goes on.
@@ -188,8 +191,6 @@ def test_a_node_that_was_stopped_for_long_does_not_go_on(fast_path, robot):
         node.spin_until(lambda: bench.states[-1] == 'disengaged')
         assert set(bench.states[stopped:]) <= {'holding', 'disengaged'}
         bench.until_engaged()
-        assert process.interrupt() == 0, process.output
-    assert 'Traceback' not in process.output
 
 
 def test_no_command_is_sent_in_a_state_before_that_is_published(robot):

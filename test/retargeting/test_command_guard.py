@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.command_rules import CommandRules
+from helpers.command_rules import CommandRules, use_deadman
 
 from hand_tracker.retargeting.command_guard import CommandGuard, GuardState
 from hand_tracker.retargeting.guard_options import GuardOptions, InvalidGuardOption
@@ -529,12 +529,7 @@ def test_ten_thousand_faults_break_no_rule(options):
             hand, robot_seen, step = faulty(fault, wanted, frozen, robot, random)
             if fault != 'frozen':
                 frozen = wanted
-            if fault == 'disengaged':
-                guard.disengage()
-            elif fault == 'released':
-                guard.release()
-            else:
-                guard.press(rig.now)
+            use_deadman(guard, fault, rig.now)
             rules.expect(guard, robot, rig.now)
             command = rig.tick(hand=hand, robot=robot_seen, step=step)
             seen.add(guard.state)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.allocations import counted_allocations
-from helpers.command_rules import CommandRules
+from helpers.command_rules import CommandRules, use_deadman
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS, Hand
@@ -368,12 +368,7 @@ def test_ten_thousand_faults_of_the_tracker_break_no_rule(own_hand, options):
             guard.release()
         for _ in range(80 if fault == 'none' else random.integers(1, 7)):
             frame, step = tracker.frame(fault, rig.now)
-            if fault == 'disengaged':
-                guard.disengage()
-            elif fault == 'released':
-                guard.release()
-            else:
-                guard.press(rig.now)
+            use_deadman(guard, fault, rig.now)
             rules.expect(guard, position, rig.now)
             rig.now += step
             lacking = int(fault == 'robot lacks a joint')
