@@ -1,4 +1,4 @@
-"""What comes before the tests: what they need, and compiled kernels."""
+"""What comes before the tests: what they need, byte code and compiled kernels."""
 
 import ast
 import importlib.util
@@ -30,7 +30,7 @@ LONGEST = ('nodes/test_replay_node.py', 'core/test_tracker.py', 'core/test_track
 
 
 def pytest_configure(config):
-    """Keep the byte code of the processes that tests start; compile the kernels once.
+    """Keep the byte code of all processes; compile the kernels, and import the tests, once.
 
     A node imports for three seconds where nothing keeps byte code, and tests start some hundred.
     """
@@ -42,16 +42,18 @@ def pytest_configure(config):
         os.environ.setdefault('PYTHONPYCACHEPREFIX', folder.name)
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
-    # Two at once: the one compiles what the other has not begun.
+    # Two compile at once: the one what the other has not begun. The third leaves the byte code of
+    # the tests, which every worker would make anew.
     programs = ((COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE,),
-                (COMPILE, 'labelling'))
+                (COMPILE, 'labelling'),
+                ('pytest', '--collect-only', '--numprocesses=0', *config.args))
     children = [subprocess.Popen(
         [sys.executable, '-m', *program], cwd=Path(__file__).parents[1],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for program in programs]
     for child in children:
         _, complaints = child.communicate()
         if child.returncode:
-            warnings.warn(f'the kernels were not compiled: {complaints[-2000:]}', stacklevel=1)
+            warnings.warn(f'{child.args} failed: {complaints[-2000:]}', stacklevel=1)
 
 
 def pytest_collection_modifyitems(items):
@@ -85,7 +87,8 @@ def pytest_pycollect_makemodule(module_path, parent):
 
 def missing(path):
     """Return the top-level packages that a file names in `NEEDS` and that are not installed."""
-    for node in ast.parse(path.read_bytes()).body:
+    source = path.read_bytes()
+    for node in ast.parse(source).body if b'\nNEEDS = ' in source else ():
         if isinstance(node, ast.Assign) and ast.unparse(node.targets) == 'NEEDS':
             return [name for name in ast.literal_eval(node.value)
                     if importlib.util.find_spec(name) is None]

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 
 import pytest
 
@@ -17,8 +18,14 @@ FOLDERS = 'hand_tracker', 'launch', 'benchmarks', 'docs', 'examples', 'security'
 UNPICKLING = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle'}
 SLOW_TO_IMPORT = {'matplotlib', 'numba', 'rosbags', 'scipy', 'skimage'}
 TEXT_TO_CODE = {'eval', 'exec', 'os.system', 'os.popen', 'subprocess.getoutput'}
-MODULES = {path.relative_to(PACKAGE_FOLDER).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
-           for path in sorted(PACKAGE_FOLDER.rglob('*.py'))}
+
+
+@cache
+def sources():
+    """Return the syntax tree of each module of the package by its path."""
+    return {path.relative_to(PACKAGE_FOLDER).as_posix():
+            ast.parse(path.read_text(encoding='utf-8'))
+            for path in sorted(PACKAGE_FOLDER.rglob('*.py'))}
 
 
 def top(name):
@@ -59,28 +66,28 @@ def repeated(pairs):
 
 
 def test_every_file_has_its_place_in_the_order_and_every_place_a_file():
-    assert {place(name) for name in MODULES} == set(ORDER)
+    assert {place(name) for name in sources()} == set(ORDER)
 
 
 def test_no_import_runs_upwards():
     assert upward_imports() == []
 
 
-def test_only_the_fast_path_imports_from_its_modules():
-    imported = {target for name in MODULES if not name.startswith(FAST_PATH)
+def test_only_the_fast_path_imports_from_its_sources():
+    imported = {target for name in sources() if not name.startswith(FAST_PATH)
                 for target in imported_files(PACKAGE_FOLDER / name) if target.startswith(FAST_PATH)}
     assert imported == {f'{FAST_PATH}__init__.py'}
 
 
 def test_imports_within_the_package_are_relative():
-    absolute = [(name, node.lineno) for name, tree in MODULES.items() for node in ast.walk(tree)
+    absolute = [(name, node.lineno) for name, tree in sources().items() for node in ast.walk(tree)
                 if isinstance(node, (ast.Import, ast.ImportFrom))
                 and re.search(r"(module|name)='hand_tracker\b", ast.dump(node))]
     assert absolute == []
 
 
 def test_only_commands_import_the_evaluation():
-    importing = {top(name) for name, tree in MODULES.items()
+    importing = {top(name) for name, tree in sources().items()
                  for target in imports_of(name, tree) if top(target.replace('.', '/')) ==
                  'evaluation'}
     assert importing <= {'evaluation', 'cli'}
@@ -88,7 +95,7 @@ def test_only_commands_import_the_evaluation():
 
 def test_core_imports_numpy_and_numba_alone():
     foreign = set()
-    for name, tree in MODULES.items():
+    for name, tree in sources().items():
         if top(name) != 'core':
             continue
         assert [target for target in imports_of(name, tree) if target.split('.')[0] != 'core'] == []
@@ -117,7 +124,7 @@ def test_no_bytes_become_code():
     found = []
     launch_files = {f'launch/{path.name}': ast.parse(path.read_text(encoding='utf-8'))
                     for path in (REPOSITORY / 'launch').glob('*.py')}
-    for name, tree in {**MODULES, **launch_files}.items():
+    for name, tree in {**sources(), **launch_files}.items():
         for node in ast.walk(tree):
             if isinstance(node, (ast.Import, ast.ImportFrom)):
                 modules = {getattr(node, 'module', None) or '', *(one.name for one in node.names)}
@@ -166,7 +173,7 @@ def test_no_constant_has_two_meanings():
 
 
 def test_no_two_modules_define_one_class_or_function():
-    public = ((node.name, name) for name, tree in MODULES.items() for node in tree.body
+    public = ((node.name, name) for name, tree in sources().items() for node in tree.body
               if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name[0] != '_')
     entry_points = {'main', 'calibrate'}
     # What the modules of evaluation/ have in common.
@@ -174,9 +181,10 @@ def test_no_two_modules_define_one_class_or_function():
     assert set(repeated(public)) <= entry_points | interface
 
 
-def test_every_folder_of_the_core_names_its_modules():
+def test_every_folder_of_the_core_names_its_sources():
     for folder in sorted(path for path in (PACKAGE_FOLDER / 'core').iterdir() if path.is_dir()):
-        text = ast.get_docstring(MODULES.get(f'core/{folder.name}/__init__.py', ast.Module([], [])))
+        text = ast.get_docstring(
+            sources().get(f'core/{folder.name}/__init__.py', ast.Module([], [])))
         modules = {path.stem for path in folder.glob('*.py')} - {'__init__'}
         assert modules <= set(re.findall(r'`(\w+)`', text or '')), folder.name
 
@@ -192,10 +200,10 @@ def test_the_architecture_names_what_is_there():
             and not (REPOSITORY / name).is_dir()] == []
 
 
-def test_the_architecture_names_every_folder_and_most_modules():
+def test_the_architecture_names_every_folder_and_most_sources():
     text = (REPOSITORY / 'docs' / 'architecture.md').read_text(encoding='utf-8')
-    expected = {f'{name.rpartition("/")[0]}/' for name in MODULES if '/' in name}
-    expected |= {name.split('/')[-1] for name in MODULES if '__init__' not in name
+    expected = {f'{name.rpartition("/")[0]}/' for name in sources() if '/' in name}
+    expected |= {name.split('/')[-1] for name in sources() if '__init__' not in name
                  and top(name) in ('core', 'messages', 'tracking', 'nodes', 'files', 'adapters',
                                    'calibration', 'retargeting', 'splicing')}
     assert [name for name in sorted(expected) if f'`{name}`' not in text] == []
