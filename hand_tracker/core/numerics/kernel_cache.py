@@ -47,7 +47,8 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, types: Any, target: Any) -> Any:
         """Return the kernel compiled for arguments of these types, None where it is not there."""
-        with suppress(OSError):
+        # What unpickles a file that was cut, by a power failure, say, may raise anything.
+        with suppress(Exception):
             compiled = super().load_overload(types, target)
             # An index may name a file of other types, where its own could no longer be written.
             if compiled is not None and compiled.signature.args == tuple(types):
@@ -57,6 +58,12 @@ class KernelCache(FunctionCache):
     def save_overload(self, types: Any, compiled: Any) -> None:
         """Keep a compiled kernel where that is possible."""
         try:
-            super().save_overload(types, compiled)
+            try:
+                super().save_overload(types, compiled)
+            except OSError:
+                raise
+            except Exception:  # the index was cut
+                self.flush()
+                super().save_overload(types, compiled)
         except OSError as error:
             self._report(error)

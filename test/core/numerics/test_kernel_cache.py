@@ -1,4 +1,4 @@
-"""Kernels on disk, where the folder is full or cannot be written to."""
+"""Kernels on disk, where the folder is full or cannot be written to, and where files are cut."""
 
 import os
 import subprocess
@@ -102,4 +102,14 @@ def test_a_kernel_of_other_types_than_the_index_says_is_not_used(run, tmp_path):
     first.write_bytes(second.read_bytes())
     second.write_bytes(kept)
     assert run(cache) == (f'{RESULTS} 2 True', [])
+    assert run(cache) == (f'{RESULTS} 0 True', [])
+
+
+def test_files_that_were_cut_are_made_anew(run, tmp_path):
+    cache = tmp_path / 'cache'
+    run(cache)
+    for path, size in zip([*cache.rglob('*.half*.nbc'), next(cache.rglob('*.quarter*.nbi'))],
+                          (1000, 0, 100)):
+        path.write_bytes(path.read_bytes()[:size])
+    assert run(cache) == (f'{RESULTS} 4 True', [])
     assert run(cache) == (f'{RESULTS} 0 True', [])
