@@ -18,6 +18,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -57,6 +58,7 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
+LAST_STATE_WAIT = .2    # [s] that the last state may take to reach its listeners
 WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
@@ -168,7 +170,8 @@ class RetargetNode(SubscriptionHidingNode):
                 for name in dict.fromkeys(chosen)]
 
     def _listen(self, raw: bool) -> None:
-        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latest, recent = (QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+                          for depth in (1, RETARGET_DEPTH))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RETARGET_DEPTH)
         self._state = self.create_publisher(String, '~/state', latched)
@@ -176,22 +179,22 @@ class RetargetNode(SubscriptionHidingNode):
         self._joint_readers: list[JointStateReader] = []
         self._joint_subscriptions: list[Any] = []
         self._read_joints: list[Callable[[Any], None]] = []
-        for topic, callback in (('joint_states', self._on_hand),
-                                ('joint_confidence', self._on_deviations),
-                                ('robot/joint_states', self._on_robot)):
+        # An arm of 1 kHz on the robot's topic leaves room for the states of its hand.
+        for topic, callback, profile in (('joint_states', self._on_hand, latest),
+                                         ('joint_confidence', self._on_deviations, latest),
+                                         ('robot/joint_states', self._on_robot, recent)):
             reader = JointStateReader()
             read = partial(self._read, reader.read if raw else _read_object, callback)
             self._joint_readers.append(reader)
             self._read_joints.append(read)
             self._joint_subscriptions.append(
-                self.create_subscription(JointState, topic, read, latest, raw=raw))
+                self.create_subscription(JointState, topic, read, profile, raw=raw))
         self.create_subscription(Bool, '~/engage', self._on_engage, RETARGET_DEPTH)
         self.create_subscription(Bool, '~/deadman', self._on_deadman, latest)
         self.create_service(SetBool, '~/engage', self._serve_engage)
         if self._wrist_outputs:
             self.create_subscription(
-                imported_message('tf2_msgs', 'TFMessage'), '/tf', self._on_transforms,
-                QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
+                imported_message('tf2_msgs', 'TFMessage'), '/tf', self._on_transforms, recent)
             self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
             self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
         tick = min(self._period, WAKING_PERIOD)
@@ -252,6 +255,14 @@ class RetargetNode(SubscriptionHidingNode):
             self._fast_path.install(hand, sides, [
                 (publisher, template)
                 for (_, publisher), template in zip(self._outputs, templates)])
+
+    def destroy_node(self) -> None:
+        """Say on `~/state` that nothing moves the robot any more."""
+        if self.context.ok():
+            self._teleoperation.guard.disengage('the node ends')
+            self._publish_state()
+            self._state.wait_for_all_acked(Duration(seconds=LAST_STATE_WAIT))
+        super().destroy_node()
 
     # What comes in
 

@@ -164,6 +164,7 @@ def following(robot, fast_path):
         bench.until('following')
         yield process, node, bench
         assert process.interrupt() == 0, process.output
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
     assert 'Traceback' not in process.output
 
 
