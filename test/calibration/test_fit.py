@@ -72,7 +72,7 @@ def recorded(hand, seed=0, noise=0.):
 
 
 @cache
-def refitted(side='right', noise=0.):
+def refitted(side, noise):
     hand = person(side)
     return hand, fit_hand(recorded(hand, noise=noise)[1], side, hand.limits)
 
@@ -87,9 +87,9 @@ def degrees_between(a, b):
     return np.degrees(np.arccos(np.clip(a @ b, -1., 1.)))
 
 
-@pytest.mark.parametrize('side', ['right', 'left'])
-@pytest.mark.parametrize('noise, bone, lean, axis', [
-    (0., 2e-5, 2e-5, .2), (.0005, .0003, .002, 4.)])
+@pytest.mark.parametrize('side, noise, bone, lean, axis', [
+    ('right', 0., 2e-5, 2e-5, .2), ('right', .0005, .0003, .002, 4.),
+    ('left', .0005, .0003, .002, 4.)])
 def test_recovers_a_hand(side, noise, bone, lean, axis):
     hand, fitted = refitted(side, noise)
     assert fitted.side == side
@@ -121,8 +121,8 @@ def test_recovers_phalanges_that_deviate_from_their_planes(noise, close):
     np.testing.assert_allclose(np.degrees(fitted.phalanx_deviation), deviation, atol=close)
 
 
-@pytest.mark.parametrize('side', ['right', 'left'])
-@pytest.mark.parametrize('noise, close', [(0., 1e-4), (.0005, .02)])
+@pytest.mark.parametrize('side, noise, close', [
+    ('right', 0., 1e-4), ('right', .0005, .02), ('left', .0005, .02)])
 def test_coupling_of_fingers_is_the_recorded_one_drawn_towards_the_usual_slope(
         side, noise, close):
     hand, fitted = refitted(side, noise)
@@ -137,9 +137,12 @@ def test_coupling_of_fingers_is_the_recorded_one_drawn_towards_the_usual_slope(
         slope * pip.mean(axis=0) + offset, dip.mean(axis=0), atol=close)
 
 
-def test_coupling_stays_where_a_finger_can_be():
+def test_coupling_stays_where_a_digit_can_be():
     hand = person()
     angles, _ = recorded(hand)
+    # A thumb whose MCP never moves tells nothing of the slope: it must not run off.
+    angles[:, JOINTS.index('thumb_mcp_flexion')] = .2
+    angles[:, JOINTS.index('thumb_ip_flexion')] = np.linspace(-.1, 1., FRAMES)
     angles[:, JOINTS.index('index_pip_flexion')] = .5
     angles[:, JOINTS.index('ring_dip_flexion')] = 1.2 - .6 * angles[
         :, JOINTS.index('ring_pip_flexion')]
@@ -149,11 +152,14 @@ def test_coupling_stays_where_a_finger_can_be():
         angles[:, JOINTS.index(f'{finger}_dip_flexion')].mean() for finger in ('index', 'ring'))
     np.testing.assert_allclose(fitted.coupling[0], (.4, index_dip - .4 * .5), atol=1e-4)
     np.testing.assert_allclose(fitted.coupling[2], (0., ring_dip), atol=1e-4)
+    slope, offset = fitted.coupling[4]
+    assert .3 <= slope <= 3.
+    assert abs(offset) <= np.pi / 4
 
 
 @pytest.mark.parametrize('noise, most', [(0., .0002), (.0005, .001)])
 def test_fitted_thumb_beats_the_default_axes_on_frames_it_has_not_seen(noise, most):
-    hand, fitted = refitted(noise=noise)
+    hand, fitted = refitted('right', noise)
     default = fitted.replace(
         thumb_abduction_axis=Hand.scaled().thumb_abduction_axis, coupling=Hand.scaled().coupling)
     fresh = recorded(hand, seed=5)[1]
@@ -169,7 +175,7 @@ def test_fitted_thumb_beats_the_default_axes_on_frames_it_has_not_seen(noise, mo
 
 
 def test_rest_direction_centres_the_range_of_motion():
-    hand, fitted = refitted()
+    hand, fitted = refitted('right', 0.)
     joints = recorded(hand)[1]
     tracker = HandTracker(fitted, options=APART)
     seen = np.array([tracker.update(frame[EIGHT_ROWS]).angles for frame in joints])
@@ -180,8 +186,8 @@ def test_rest_direction_centres_the_range_of_motion():
 
 
 def test_limits_are_widened_to_the_recorded_range_of_motion():
-    hand, fitted = refitted()
-    angles, joints = recorded(hand)
+    hand, fitted = refitted('right', 0.)
+    angles, _ = recorded(hand)
     shown = np.degrees(fitted.range_of_motion)
     moved = [JOINTS.index(f'{finger}_{joint}') for finger in FINGERS
              for joint in ('mcp_flexion', 'pip_flexion', 'dip_flexion')]
@@ -194,7 +200,7 @@ def test_limits_are_widened_to_the_recorded_range_of_motion():
         assert np.ptp(shown[row]) == pytest.approx(width + 6., abs=3.), joint
     assert not shown[JOINTS.index('thumb_mcp_abduction')].any()
     np.testing.assert_array_equal(fitted.limits, hand.limits)
-    usual = fit_hand(joints, 'right')
+    usual = fit_hand(recorded(hand, noise=.0005)[1], 'right')
     np.testing.assert_array_equal(usual.limits, preset_limits('wearer', usual.range_of_motion))
 
 
@@ -231,10 +237,9 @@ def test_solved_thumb_is_the_trackers(roll, distance):
         np.testing.assert_allclose(mine.T[3] - hand.thumb_cmc, ip, atol=1e-4)
 
 
-@pytest.mark.parametrize('side', ['right', 'left'])
-def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_roll_of_the_phalanges(side):
-    hand = person(side, roll=50., distance=.012)
-    fitted = fit_hand(recorded(hand)[1], side, hand.limits)
+def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_roll_of_the_phalanges():
+    hand = person('left', roll=50., distance=.012)
+    fitted = fit_hand(recorded(hand)[1], 'left', hand.limits)
     assert np.degrees(fitted.thumb_roll) == pytest.approx(50., abs=2.)
     assert fitted.thumb_axis_distance == pytest.approx(.012, abs=5e-4)
     _, joints = recorded(hand, seed=1)
@@ -255,8 +260,8 @@ def test_angles_of_landmarks_are_those_of_a_rolled_thumb():
 
 
 def test_incomplete_frames_do_not_count():
-    hand, kept = refitted()
-    joints = recorded(hand)[1]
+    hand, kept = refitted('right', .0005)
+    joints = recorded(hand, noise=.0005)[1]
     holed = np.insert(joints, (10, 100, 150), 1e3, axis=0)
     holed[10, 3] = np.nan
     holed[101, 20] = np.inf
@@ -264,18 +269,6 @@ def test_incomplete_frames_do_not_count():
     found = fit_hand(holed, 'right', hand.limits)
     for name in ('finger_mcp', 'finger_bones', 'splay', 'thumb_abduction_axis', 'coupling'):
         np.testing.assert_array_equal(getattr(found, name), getattr(kept, name))
-
-
-def test_coupling_stays_where_a_thumb_can_be():
-    """A thumb whose MCP never moves tells nothing of the slope: it must not run off."""
-    hand = person()
-    angles, _ = recorded(hand)
-    angles[:, JOINTS.index('thumb_mcp_flexion')] = .2
-    angles[:, JOINTS.index('thumb_ip_flexion')] = np.linspace(-.1, 1., FRAMES)
-    joints = landmark_positions(hand, forward(joint_table(hand), angles))
-    slope, offset = fit_hand(joints, 'right', hand.limits).coupling[4]
-    assert .3 <= slope <= 3.
-    assert abs(offset) <= np.pi / 4
 
 
 @pytest.mark.parametrize('joints, side, message', [
