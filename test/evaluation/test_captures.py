@@ -3,6 +3,8 @@
 `pytest -s test/evaluation/test_captures.py` prints the table of errors.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from helpers.baseline import class_errors, plain_pip_errors
@@ -22,6 +24,7 @@ CAPTURES = MANIPNET + ('dexret__human_joint_right',)
 CALIBRATION = .2  # the first part of a capture, on which its hand is fitted
 
 
+@cache
 def whole_frames(name):
     """Return a capture's frames without gaps: those to fit and those to judge."""
     capture = load_capture(capture_path(name))
@@ -39,9 +42,12 @@ def track(hand, capture):
     return np.array([state.angles for state in states]), landmark_positions(hand, pose, wrist)
 
 
-@pytest.fixture(scope='module', params=CAPTURES)
-def capture(request):
-    return request.param, *whole_frames(request.param)
+@cache
+def fitted_and_tracked(name, preset):
+    """Return the hand of a capture and what `track` finds with it."""
+    fitted, judged = whole_frames(name)
+    hand = fit_hand(fitted.joints, fitted.side, preset_limits(preset))
+    return hand, *track(hand, judged)
 
 
 def report(name, what, errors):
@@ -50,13 +56,13 @@ def report(name, what, errors):
         for joint, values in errors.items()))
 
 
-def test_angles_are_within_the_limits_and_pip_is_no_worse_than_the_plain_baseline(capture):
-    name, fitted, judged = capture
+@pytest.mark.parametrize('name', CAPTURES)
+def test_angles_are_within_the_limits_and_pip_is_no_worse_than_the_plain_baseline(name):
+    fitted, judged = whole_frames(name)
     plain = plain_pip_errors(fitted, judged)
     report(name, 'plain baseline', {'pip': plain})
     for preset in ('paper', 'wide'):
-        hand = fit_hand(fitted.joints, fitted.side, preset_limits(preset))
-        angles, joints = track(hand, judged)
+        hand, angles, joints = fitted_and_tracked(name, preset)
         assert ((hand.limits[:, 0] <= angles) & (angles <= hand.limits[:, 1])).all()
         errors = class_errors(joints, judged)
         report(name, preset, errors)
@@ -67,10 +73,11 @@ def test_angles_are_within_the_limits_and_pip_is_no_worse_than_the_plain_baselin
 def test_the_saddle_beats_the_papers_thumb_and_meets_its_target():
     errors = {'saddle': [], 'index_mcp': []}
     for name in MANIPNET:
-        fitted, judged = whole_frames(name)
-        hand = fit_hand(fitted.joints, fitted.side, preset_limits('wide'))
-        for thumb, worn in (('saddle', hand), ('index_mcp', hand.with_paper_thumb())):
-            found = class_errors(track(worn, judged)[1], judged)
+        _, judged = whole_frames(name)
+        hand, _, joints = fitted_and_tracked(name, 'wide')
+        for thumb, tracked in (('saddle', joints),
+                               ('index_mcp', track(hand.with_paper_thumb(), judged)[1])):
+            found = class_errors(tracked, judged)
             report(name, f'thumb {thumb}', {
                 joint: found[joint] for joint in ('thumb_cmc', 'thumb_mcp', 'thumb_ip')})
             errors[thumb].append([found['thumb_mcp'].mean(), found['thumb_ip'].mean()])
@@ -82,11 +89,11 @@ def test_the_saddle_beats_the_papers_thumb_and_meets_its_target():
 
 @pytest.mark.parametrize('name', MANIPNET)
 def test_finger_tips_meet_their_targets_with_the_usual_and_with_the_fitted_coupling(name):
-    fitted, judged = whole_frames(name)
-    hand = fit_hand(fitted.joints, fitted.side, preset_limits('wide'))
-    for what, worn, most in (('usual', hand.replace(coupling=preset_coupling()), .009),
-                             ('fitted', hand, .0072)):
-        found = class_errors(track(worn, judged)[1], judged)
+    _, judged = whole_frames(name)
+    hand, _, joints = fitted_and_tracked(name, 'wide')
+    usual = track(hand.replace(coupling=preset_coupling()), judged)[1]
+    for what, tracked, most in (('usual', usual, .009), ('fitted', joints, .0072)):
+        found = class_errors(tracked, judged)
         report(name, f'coupling {what}', {'tip': found['tip']})
         assert found['tip'].mean() <= most
 
