@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..calibration.least_squares import least_squares
 from ..core.model.capsules import blank_placement, hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
-from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.numerics.jit import as_item
 from ..core.pose.contact import Mobility, separate
 
@@ -152,17 +152,16 @@ def _couple(hand: Hand, free: np.ndarray, lower: np.ndarray, upper: np.ndarray) 
     return np.clip(angles, lower, upper)
 
 
-def thumb_gap(hand: Hand, angles: np.ndarray, touch: Touch) -> np.ndarray:
+def thumb_gap(hand: Hand, pose: Pose, touch: Touch) -> np.ndarray:
     """Return the vector from the contact point to the thumb's pad, shape (3,) [m].
 
     Parameters
     ----------
     hand : Hand
-    angles : ndarray, shape (25,)
-        [rad]
+    pose : Pose
+        With the wrist at the origin.
     touch : Touch
     """
-    pose = forward(joint_table(hand), angles)
     tips = tip_offsets(hand)
 
     mirror = (1., 1. if hand.side == 'right' else -1., 1.)
@@ -210,13 +209,16 @@ def _reach(hand: Hand, touch: Touch, natural: np.ndarray, lower: np.ndarray,
     # A locked joint is no variable.
     moving = moving[upper[FREE_JOINTS[moving]] > lower[FREE_JOINTS[moving]]]
 
+    table = joint_table(hand)
+
     def with_moved(x: np.ndarray) -> np.ndarray:
         free = natural.copy()
         free[moving] = x
         return free
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        gap = thumb_gap(hand, _couple(hand, with_moved(x), lower, upper), touch)
+        pose = forward(table, _couple(hand, with_moved(x), lower, upper))
+        gap = thumb_gap(hand, pose, touch)
         return np.concatenate((gap / CONTACT_SIGMA, (x - natural[moving]) / POSTURE_SIGMA))
 
     low, high = lower[FREE_JOINTS[moving]], upper[FREE_JOINTS[moving]]

@@ -143,7 +143,8 @@ def test_thumb_opposes_each_finger(finger):
     """Their flesh meets, close to the pads; no other tip is as near."""
     name = f'oppose_{FINGERS[finger]}'
     angles = pose_angles(name, HAND)
-    gap = np.linalg.norm(thumb_gap(HAND, angles, Touch('tip', finger)))
+    pose = forward(joint_table(HAND), angles)
+    gap = np.linalg.norm(thumb_gap(HAND, pose, Touch('tip', finger)))
     assert gap < (.005, .007, .008, .010)[finger]
     assert 0. < deepest_overlaps(HAND, angles[None])[0] < .001
     points = landmarks(angles)
@@ -155,7 +156,8 @@ def test_thumb_opposes_each_finger(finger):
 
 def test_thumb_touches_the_folded_fingers():
     for name, most in (('fist', .022), ('one', .008), ('two', .010), ('three', .015)):
-        gap = thumb_gap(HAND, pose_angles(name, HAND), NAMED_POSES[name][1])
+        pose = forward(joint_table(HAND), pose_angles(name, HAND))
+        gap = thumb_gap(HAND, pose, NAMED_POSES[name][1])
         assert np.linalg.norm(gap) < most, name
 
 
@@ -234,10 +236,12 @@ def remade(tmp_path_factory):
     folder = tmp_path_factory.mktemp('remade')
     (folder / 'recordings').mkdir()
     environment = {**os.environ, 'PYTHONPATH': str(REPOSITORY)}
-    for options in ([], ['--side', 'left'], ['--side', 'both']):
-        run = subprocess.run([sys.executable, '-m', 'hand_tracker', 'record', *options], cwd=folder,
-                             capture_output=True, text=True, check=True, env=environment)
-        assert 'frames at 120 Hz' in run.stdout
+    program = ('from hand_tracker.__main__ import main\n'
+               'for options in [], ["--side", "left"], ["--side", "both"]:\n'
+               '    main(["record", *options])')
+    run = subprocess.run([sys.executable, '-c', program], cwd=folder, capture_output=True,
+                         text=True, check=True, env=environment)
+    assert run.stdout.count('frames at 120 Hz') == 3
     return {side: folder / name for side, name in PACKAGED_RECORDINGS.items()}
 
 
