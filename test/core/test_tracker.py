@@ -5,6 +5,7 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from helpers.hands import markers_of
 from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -20,8 +21,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.pose.deviation import unknown_deviation
@@ -57,12 +57,6 @@ def observable(hand, share):
     for joint in ('thumb_mcp_abduction',):
         angles[JOINTS.index(joint)] = 0.
     return angles
-
-
-def markers_of(hand, angles, layout=None, rotation=None, position=None):
-    layout = MarkerLayout() if layout is None else layout
-    pose = forward(joint_table(hand), angles, rotation, position)
-    return marker_positions(layout.mounting(hand), pose, rotation, position)
 
 
 def in_fist(hand, angles, layout=None):
@@ -443,8 +437,7 @@ def test_a_layout_without_information_is_refused(layout, message):
 @pytest.mark.parametrize('marker', range(3))
 def test_a_palm_marker_off_the_palm_is_refused_and_a_jump_of_the_hand_is_not(marker):
     hand = Hand.scaled()
-    places = marker_positions(
-        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
+    places = markers_of(hand, np.zeros(len(JOINTS)))
     for off, is_refused in ((np.eye(8)[:, marker:marker + 1], True), (np.ones((8, 1)), False)):
         tracker = HandTracker(hand)
         for _ in range(20):
@@ -456,8 +449,7 @@ def test_a_palm_marker_off_the_palm_is_refused_and_a_jump_of_the_hand_is_not(mar
 
 def test_a_frame_in_the_order_of_columns_is_the_same_frame():
     hand = Hand.scaled()
-    places = marker_positions(
-        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
+    places = markers_of(hand, np.zeros(len(JOINTS)))
     rows, columns = HandTracker(hand), HandTracker(hand)
     for k in range(4):
         one, other = rows.update(places), columns.update(

@@ -5,17 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.hands import markers_of
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import FINGERS, FLEXION_JOINTS, JOINTS, Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import (
-    MARKERS,
-    PAPER_PLACES,
-    MarkerLayout,
-    marker_positions,
-)
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.pose.deviation import unknown_deviation
@@ -48,8 +43,7 @@ def markers_at(frame, hand=HAND, angles=None):
     rotation = Rotation.from_rotvec(.3 * np.sin(.02 * frame * np.array((1., .7, .4)))).as_matrix()
     position = np.array((.1, .2, .05)) * np.sin(.015 * frame)
     angles = grasp(frame, hand) if angles is None else angles
-    pose = forward(joint_table(hand), angles, rotation, position)
-    return marker_positions(MarkerLayout().mounting(hand), pose, rotation, position)
+    return markers_of(hand, angles, None, rotation, position)
 
 
 def track(frames, change, options=None, hand=HAND, noise=0., seed=1):
@@ -99,8 +93,7 @@ def test_no_angle_jumps_where_markers_vanish_or_come_back(rows, duration):
 def test_no_angle_jumps_in_any_frame_of_an_occlusion(motion):
     motion = motion_named(motion, HAND, 3, 10.)
     angles, rotation, position = motion.sample(np.arange(600) * STEP)
-    markers = marker_positions(MarkerLayout().mounting(HAND), forward(
-        joint_table(HAND), angles, rotation, position), rotation, position)
+    markers = markers_of(HAND, angles, None, rotation, position)
     fastest = abs(np.diff(angles, axis=0)).max()
     tracker = HandTracker(HAND, options=EXACT)
     last = None
@@ -181,8 +174,7 @@ def test_labels_that_come_back_exchanged_are_not_held_when_the_source_mends(pair
 def test_labels_that_stay_exchanged_are_not_given_in_to(motion, start, digit):
     frames = np.arange(start + 300)
     angles, rotation, position = motion_named(motion, HAND, 3, 8.).sample(frames * STEP)
-    true = marker_positions(MarkerLayout().mounting(HAND), forward(
-        joint_table(HAND), angles, rotation, position), rotation, position)
+    true = markers_of(HAND, angles, None, rotation, position)
     tracker, change = HandTracker(), exchange((digit, 7), start, len(frames))
     for frame, markers in enumerate(true + np.random.default_rng(3).normal(
             scale=3e-4, size=true.shape)):
@@ -324,7 +316,7 @@ def test_measured_distal_flexion_replaces_the_coupling_within_limits():
 @pytest.mark.parametrize('places', [PAPER_PLACES, TIPS])
 def test_no_angle_jumps_where_a_measured_flexion_comes_or_is_missed(places):
     layout, options = MarkerLayout(places=places), replace(EXACT, reentry_rate=3.)
-    markers = marker_positions(layout.mounting(HAND), forward(joint_table(HAND), grasp(60)))
+    markers = markers_of(HAND, grasp(60), layout)
     tracker = HandTracker(HAND, layout, options)
     measured = np.array((1.2, np.nan, .9, np.nan, .8))
     path = [tracker.update(markers).angles]
@@ -445,8 +437,7 @@ def pip_of(motion, noise, options, seconds=6., middle=15., seed=5):
         angles[pip] = np.radians(middle) + motion * np.sin(2. * np.pi * FREQUENCY * frame * STEP)
         angles[FLEXION_JOINTS[:, 2]] = (HAND.coupling * np.column_stack(
             (angles[FLEXION_JOINTS[:, 1]], np.ones(5)))).sum(axis=1)
-        pose = forward(joint_table(HAND), angles)
-        markers = marker_positions(MarkerLayout().mounting(HAND), pose)
+        markers = markers_of(HAND, angles)
         state = tracker.update(markers + rng.normal(scale=noise, size=(8, 3)), frame * STEP)
         found.append(state.angles[pip])
         true.append(angles[pip])

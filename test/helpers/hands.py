@@ -1,5 +1,7 @@
 """Hands in known poses, and the markers on them."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from hand_tracker.core.model.hand import JOINTS, Hand
@@ -15,12 +17,23 @@ RIGHT = Hand.scaled()
 LAYOUT = MarkerLayout()
 
 
+@lru_cache(maxsize=16)
+def skeleton(hand, layout=LAYOUT):
+    """Return the joint table and the mounting of a hand, both as they are for all its poses."""
+    return joint_table(hand), layout.mounting(hand)
+
+
+def markers_of(hand, angles, layout=None, *wrist):
+    """Return the markers of a hand in a pose of its joints and of its wrist."""
+    table, mounting = skeleton(hand, layout or LAYOUT)
+    return marker_positions(mounting, forward(table, angles, *wrist), *wrist)
+
+
 def hand_at(angles=BENT_ANGLES, hand=RIGHT, layout=LAYOUT, offset=(0., 0., 1.), turn=0.):
     """Return the eight markers of a hand in a pose."""
     c, s = np.cos(turn), np.sin(turn)
     at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)
-    return marker_positions(
-        layout.mounting(hand), forward(joint_table(hand), angles, *at), *at)
+    return markers_of(hand, angles, layout, *at)
 
 
 def motion(hand, count=40):
