@@ -17,6 +17,8 @@ usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=
 `ros2 param list` and `ros2 param describe` show the parameters while it runs; docs/ros.md says
 what they mean."""
 ASKS = {'-h', '--help'}
+# Nodes whose kernels are small: compiling or loading them takes longer than they save.
+PLAIN = {'landmarks', 'mount', 'replay', 'source'}
 
 
 def _run(node: str) -> int:
@@ -24,7 +26,9 @@ def _run(node: str) -> int:
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    if node in ('all', 'calibrate', 'tracker', 'managed_tracker'):
+    if node in PLAIN:
+        os.environ.setdefault('HAND_TRACKER_JIT', '0')
+    elif node in ('all', 'calibrate', 'tracker', 'managed_tracker'):
         # Where kernels are not on disk, plain Python does their work at once.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
@@ -60,7 +64,6 @@ def calibrate() -> int:
 
 def landmarks() -> int:
     """Run the node that publishes the hand as landmarks; return its exit code."""
-    os.environ.setdefault('HAND_TRACKER_JIT', '0')
     return _run('landmarks')
 
 
@@ -71,7 +74,6 @@ def managed_tracker() -> int:
 
 def mount() -> int:
     """Run the node that hangs the hand on a body; return its exit code."""
-    os.environ.setdefault('HAND_TRACKER_JIT', '0')
     return _run('mount')
 
 
@@ -97,8 +99,6 @@ def skin() -> int:
 
 def source() -> int:
     """Run the node of a motion capture system; return its exit code."""
-    # Its one kernel is small: compiling or loading it takes longer than it saves.
-    os.environ.setdefault('HAND_TRACKER_JIT', '0')
     return _run('source')
 
 

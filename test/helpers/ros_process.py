@@ -12,6 +12,8 @@ import time
 from contextlib import ExitStack, contextmanager
 from threading import Condition, Thread
 
+from hand_tracker.entry import PLAIN
+
 
 def claim_domain():
     """Return a DDS domain that nobody on this machine uses, and a socket that marks it so."""
@@ -148,7 +150,12 @@ class NodeProcess(Process):
     """
 
     def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
-        command = [sys.executable, '-m', module, '--ros-args']
+        name = module.rpartition('.')[2].removesuffix('_node')
+        command = [sys.executable, '-m', 'hand_tracker.entry', name, '--ros-args']
+        if name not in PLAIN:
+            # Compiled before it listens, not beside that.
+            environment = {'HAND_TRACKER_JIT': os.environ.get('HAND_TRACKER_JIT', '1'),
+                           **(environment or {})}
         if module == TRACKER_MODULE:
             # What it answers is compared with the hand that it starts with.
             parameters = {'auto_size': False, **(parameters or {})}
