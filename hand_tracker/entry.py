@@ -26,13 +26,14 @@ def _run(node: str) -> int:
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    if node in PLAIN:
+    asks = ASKS & set(sys.argv[1:])
+    if node in PLAIN or asks:
         os.environ.setdefault('HAND_TRACKER_JIT', '0')
     elif node in ('all', 'calibrate', 'tracker', 'managed_tracker'):
         # Where kernels are not on disk, plain Python does their work at once.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
-    if ASKS & set(sys.argv[1:]):
+    if asks:
         print((module.__doc__ or '').strip(), HELP.format(node=node), sep='\n')
         return 0
     return module.main()

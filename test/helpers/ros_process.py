@@ -40,6 +40,8 @@ os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') ==
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
 TRACKER_MODULE = 'hand_tracker.nodes.tracker_node'
+# A tracker starts with half of the work so, where the speed and paths of frames do not matter.
+PLAIN_PYTHON = {'HAND_TRACKER_JIT': '0'}
 PATIENCE = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 

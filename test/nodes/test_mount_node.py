@@ -78,7 +78,7 @@ def latest(messages, child):
 def test_the_hand_hangs_on_the_body_where_the_calibration_finds_it(tmp_path):
     arm, numbers, written = Arm(), count(1), tmp_path / 'mount.yaml'
     with (NodeProcess(TRACKER_MODULE, {'on_body': True, 'broadcast': 'all'}) as tracker,
-          NodeProcess(MOUNT, {'body_frame': 'forearm', 'duration': 20.,
+          NodeProcess(MOUNT, {'body_frame': 'forearm', 'duration': 5.,
                               'mount_file': str(written)}) as mount, watching_node() as node):
         moving, resting = node.collect(TFMessage, '/tf'), node.collect(
             TFMessage, '/tf_static', LATCHED)

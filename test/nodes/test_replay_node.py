@@ -11,7 +11,7 @@ import pytest
 import rclpy
 from helpers.point_bags import MADE, positions_of, stamp_ns, write_point_bag
 from helpers.point_files import hand_recording
-from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
+from helpers.ros_process import PATIENCE, PLAIN_PYTHON, NodeProcess, Process, watching_node
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -490,7 +490,7 @@ raise SystemExit(replay_node.main())
 def test_interrupt_while_a_step_waits_for_its_turn(bags, watch, srv):
     with Process([sys.executable, '-c', STEPS_LOUDLY, '--ros-args',
                   '-p', f"recording:={bags / 'long.mcap'}",
-                  '-p', f'wait_for_subscriber:={PATIENCE}']) as process:
+                  '-p', f'wait_for_subscriber:={PATIENCE}'], PLAIN_PYTHON) as process:
         process.wait_for_line('Replay waits')
         watch.call(srv.Pause, '/replay/pause')
         client = watch.create_client(srv.PlayNext, '/replay/play_next')

@@ -26,7 +26,7 @@ from helpers.bench import (
     tracking,
 )
 from helpers.hands import BENT_ANGLES, RIGHT, hand_at, motion
-from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
+from helpers.ros_process import PATIENCE, PLAIN_PYTHON, NodeProcess, Process, watching_node
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -230,7 +230,8 @@ def test_parameters_at_run_time(solved):
 
 
 def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
-    with NodeProcess(TRACKER_MODULE, {'hand_lenght': .19, 'rigidity': False}) as process:
+    with NodeProcess(TRACKER_MODULE, {'hand_lenght': .19, 'rigidity': False},
+                     environment=PLAIN_PYTHON) as process:
         process.wait_for_line("there is no parameter 'hand_lenght': left out; "
                               "did you mean 'hand_length'?")
         assert process.interrupt() == 0
@@ -247,7 +248,8 @@ def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_
     save_hand(file, Hand.scaled(
         .2, .1, side='left', limits=.5 * preset_limits('wide'),
         coupling=((.7, np.radians(3.)),) * 5).with_paper_thumb(), MarkerLayout())
-    with NodeProcess(TRACKER_MODULE, {'hand_file': str(file)}) as process, watching_node() as node:
+    with NodeProcess(TRACKER_MODULE, {'hand_file': str(file)},
+                     environment=PLAIN_PYTHON) as process, watching_node() as node:
         plain = described(Bench(process, node, 10, 'hand_tracker'))
         assert process.interrupt() == 0
     with NodeProcess(TRACKER_MODULE, files=[CONFIG],
@@ -632,7 +634,7 @@ def test_says_once_when_no_label_matches():
 
 
 def test_says_when_nothing_can_come_even_without_a_clock():
-    with tracking({'use_sim_time': True}, BEST_EFFORT) as bench:
+    with tracking({'use_sim_time': True}, BEST_EFFORT, environment=PLAIN_PYTHON) as bench:
         bench.process.wait_for_line('no markers on /markers for 3 s: /test publishes with best '
                                     'effort')
 
@@ -675,7 +677,7 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
         ({'hand_file': str(bad)}, r'hand_file: .*hand.yaml: finger_bones_mm.index.*900'))
     with ExitStack() as stack:
         started = [(stack.enter_context(NodeProcess(
-            TRACKER_MODULE, parameters, environment={'HAND_TRACKER_JIT': '0'})), said)
+            TRACKER_MODULE, parameters, environment=PLAIN_PYTHON)), said)
             for parameters, said in cases]
         for process, said in started:
             assert process.wait() == 1, process.output
@@ -696,7 +698,7 @@ def test_a_lack_of_numba_is_logged_in_one_line(tmp_path):
 
 def test_numba_turned_off_is_logged_in_one_line():
     pytest.importorskip('numba', reason='numba is not installed: there is nothing to turn off')
-    with NodeProcess(TRACKER_MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
+    with NodeProcess(TRACKER_MODULE, environment=PLAIN_PYTHON) as process:
         process.wait_for_line('listening')
         warning, = lines(process, 'slower')
         assert '[WARN]' in warning and 'HAND_TRACKER_JIT=0' in warning
@@ -707,7 +709,7 @@ def test_numba_turned_off_is_logged_in_one_line():
     ('-r', 'a b'), ('-r', '__node:=a-b'), ('--params-file', '/nowhere.yaml'), ('--bogus',)])
 def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
     with Process([sys.executable, '-m', TRACKER_MODULE, '--ros-args', *rule],
-                 {'HAND_TRACKER_JIT': '0'}) as process:
+                 PLAIN_PYTHON) as process:
         assert process.wait() == 1, process.output
     # rcl says a line of its own before.
     line, = [line for line in process.output.splitlines() if '[rcl]' not in line]
