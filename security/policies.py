@@ -42,6 +42,7 @@ ARRANGEMENTS = {
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}
+VIEWER_IN_USE = 'security.viewer_in_use'
 NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
               'skin': 'hand_skin'}  # of nodes, where not the program's
 # An enclave is a process's; `all` runs these unless others are named.
@@ -158,12 +159,11 @@ def uses(programs=None, expected=None):
                     namespace = f'/{program}_{number}'
                     if program == 'viewer':
                         # Of what it hears it asks the tracker.
-                        start(stack, 'hand_tracker.nodes.tracker_node', namespace, parameters)
+                        start(stack, 'tracker', namespace, parameters, HAND_TRACKER_JIT='0')
                         started.append((namespace, start(
-                            stack, 'security.viewer_in_use', namespace, [])))
+                            stack, VIEWER_IN_USE, namespace, [], HAND_TRACKER_JIT='0')))
                     else:
-                        started.append((namespace, start(
-                            stack, f'hand_tracker.nodes.{program}_node', namespace, parameters)))
+                        started.append((namespace, start(stack, program, namespace, parameters)))
                 if program == 'skin':
                     # It listens while somebody listens to it.
                     heard = [watcher.create_subscription(
@@ -198,12 +198,16 @@ def calibrate(watcher, service):
     client.call_async(Trigger.Request())
 
 
-def start(stack, module, namespace, parameters):
-    """Start a node, which is killed at the end; return its process."""
+def start(stack, program, namespace, parameters, **more):
+    """Start a node, which is killed at the end; return its process.
+
+    `more` are environment variables.
+    """
+    module = [program] if program == VIEWER_IN_USE else ['hand_tracker.entry', program]
     process = stack.enter_context(subprocess.Popen(
-        [sys.executable, '-m', module, '--ros-args', '-r', f'__ns:={namespace}',
+        [sys.executable, '-m', *module, '--ros-args', '-r', f'__ns:={namespace}',
          *(word for each in parameters for word in ('-p', each))],
-        env=environ(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        env=environ(**more), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL))
     stack.callback(process.kill)
     return process

@@ -119,7 +119,7 @@ def test_peers_of_retargeting_are_given_what_they_need_to_meet_the_tips(
 
 def test_the_path_of_a_frame_is_short(tmp_path):
     pytest.importorskip('rclpy')
-    row, = run('main_path', '--frames', 60, folder=tmp_path)
+    row, = run('main_path', '--frames', 20, folder=tmp_path)
     assert row['answer_files'] <= 33 and row['answer_functions'] <= 132
     # The monitor's part of it runs ten times a second, for all frames since.
     assert row['files'] <= 35 and row['functions'] <= 149

@@ -84,7 +84,7 @@ def test_a_shown_robot_is_heard_beside_one_hand_and_beside_one_of_both(below):
 
 def test_nodes_of_all_use_no_more_than_each_alone():
     with ExitStack() as stack, watching_node() as node:
-        process = start(stack, 'hand_tracker.nodes.all_node', '/all', [])
+        process = start(stack, 'all', '/all', [])
         for program in SHARED_PROCESSES['all']:
             found = merged([settled_rules(
                 node, NODE_NAMES.get(program, program), '/all', process)])
