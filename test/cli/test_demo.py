@@ -92,11 +92,11 @@ def test_demo_plays_a_c3d_file_of_another_program(ros, tmp_path):
     recording = demo_recording()
     labels = ('RWRI', 'RIndexMCP', 'RPinkyMCP', 'RIndexDIP', 'RMiddleDIP', 'RRingDIP', 'RPinkyDIP',
               'RThumbTip')
-    take = ezc3d_file(tmp_path / 'take.c3d', labels, 1e3 * recording.markers[:240], rate=120.)
+    take = ezc3d_file(tmp_path / 'take.c3d', labels, 1e3 * recording.markers[:120], rate=120.)
     done = run_demo('--recording', take, '--markers', 'wrist=RWRI', '--output', tmp_path / 'out')
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'the file is in mm, z up' in done.stdout
-    assert int(re.search(r'(\d+) frames of markers played', done.stdout).group(1)) == 240
+    assert int(re.search(r'(\d+) frames of markers played', done.stdout).group(1)) == 120
     assert int(re.search(r'(\d+) joint states', done.stdout).group(1)) > 0
     with open(tmp_path / 'out' / 'angles.csv', newline='', encoding='utf-8') as file:
         header, *rows = csv.reader(file)
@@ -105,7 +105,7 @@ def test_demo_plays_a_c3d_file_of_another_program(ros, tmp_path):
     # Stamps are when a frame was due; the first answered one is found by the rest of them.
     step = np.round(120. * times).astype(int)
     error = min(np.abs(np.transpose(angles) - np.degrees(recording.angles[start + step])).mean()
-                for start in range(240 - step[-1]))
+                for start in range(120 - step[-1]))
     assert error < 3.
     for name in ('hand.gif', 'hand.png'):
         with Image.open(tmp_path / 'out' / name) as image:
