@@ -18,7 +18,7 @@ usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=
 what they mean."""
 ASKS = {'-h', '--help'}
 # Nodes whose kernels are small: compiling or loading them takes longer than they save.
-PLAIN = {'landmarks', 'mount', 'replay', 'source'}
+PLAIN_NODES = {'landmarks', 'mount', 'replay', 'source'}
 
 
 def _run(node: str) -> int:
@@ -27,7 +27,7 @@ def _run(node: str) -> int:
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     asks = ASKS & set(sys.argv[1:])
-    if node in PLAIN or asks:
+    if node in PLAIN_NODES or asks:
         os.environ.setdefault('HAND_TRACKER_JIT', '0')
     elif node in ('all', 'calibrate', 'tracker', 'managed_tracker'):
         # Where kernels are not on disk, plain Python does their work at once.

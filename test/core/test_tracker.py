@@ -157,7 +157,7 @@ OFFSETS = np.array(((-.01, .002, .015), (0., .001, .009), (0., 0., .009), (.002,
     ('right', 'paper', TIPS, TrackerOptions('spheres', 'fabrik'), 'saddle')],
     ids=['default', 'ungated', 'left tips', 'left offsets', 'fabrik', 'tips spheres fabrik'])
 @given(warm=st.booleans(), frames=frames_of_any_kind)
-@settings(max_examples=50)
+@settings(max_examples=80)
 def test_any_input_gives_finite_angles_within_the_limits(
         side, preset, layout, options, thumb, warm, frames):
     hand = Hand.scaled(side=side, limits=preset_limits(preset))

@@ -12,7 +12,7 @@ import time
 from contextlib import ExitStack, contextmanager
 from threading import Condition, Thread
 
-from hand_tracker.entry import PLAIN
+from hand_tracker.entry import PLAIN_NODES
 
 
 def claim_domain():
@@ -154,7 +154,7 @@ class NodeProcess(Process):
     def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
         name = module.rpartition('.')[2].removesuffix('_node')
         command = [sys.executable, '-m', 'hand_tracker.entry', name, '--ros-args']
-        if name not in PLAIN:
+        if name not in PLAIN_NODES:
             # Compiled before it listens, not beside that.
             environment = {'HAND_TRACKER_JIT': os.environ.get('HAND_TRACKER_JIT', '1'),
                            **(environment or {})}
