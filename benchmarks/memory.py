@@ -119,12 +119,16 @@ def measure(what, frame, frames):
     gc.collect()
     resident, blocks = np.zeros(SAMPLES), np.zeros(SAMPLES)
     before, start = _collections(), time.monotonic()
+    half = SAMPLES // 2
     for sample in range(SAMPLES):
+        if sample == half:
+            # What is left over of the first half is no growth of the second.
+            gc.collect()
+            before[2] += 1
         for i in range((sample + 1) * every, (sample + 2) * every):
             frame(i)
         resident[sample], blocks[sample] = process.memory_info().rss, sys.getallocatedblocks()
     seconds = time.monotonic() - start
-    half = SAMPLES // 2
     slope = np.polyfit(np.arange(half) * every, resident[half:], 1)[0]
     return {'what': what, 'frames': SAMPLES * every, 'resident_mb': round(resident[-1] / 1e6, 1),
             'grown_mb': round((resident[-1] - resident[half]) / 1e6, 3),
