@@ -40,6 +40,8 @@ def pytest_configure(config):
                                              ignore_cleanup_errors=True)
         config.add_cleanup(folder.cleanup)
         os.environ.setdefault('PYTHONPYCACHEPREFIX', folder.name)
+    # The threads of each worker's BLAS would spin beside all other workers.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
     # Two compile at once: the one what the other has not begun. The third leaves the byte code of
