@@ -42,7 +42,6 @@ ARRANGEMENTS = {
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}
-VIEWER_IN_USE = 'security.viewer_in_use'
 NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
               'skin': 'hand_skin'}  # of nodes, where not the program's
 # An enclave is a process's; `all` runs these unless others are named.
@@ -161,7 +160,8 @@ def uses(programs=None, expected=None):
                         # Of what it hears it asks the tracker.
                         start(stack, 'tracker', namespace, parameters, HAND_TRACKER_JIT='0')
                         started.append((namespace, start(
-                            stack, VIEWER_IN_USE, namespace, [], HAND_TRACKER_JIT='0')))
+                            stack, program, namespace, [], 'security.viewer_in_use',
+                            HAND_TRACKER_JIT='0')))
                     else:
                         started.append((namespace, start(stack, program, namespace, parameters)))
                 if program == 'skin':
@@ -198,14 +198,13 @@ def calibrate(watcher, service):
     client.call_async(Trigger.Request())
 
 
-def start(stack, program, namespace, parameters, **more):
+def start(stack, program, namespace, parameters, module='hand_tracker.entry', **more):
     """Start a node, which is killed at the end; return its process.
 
     `more` are environment variables.
     """
-    module = [program] if program == VIEWER_IN_USE else ['hand_tracker.entry', program]
     process = stack.enter_context(subprocess.Popen(
-        [sys.executable, '-m', *module, '--ros-args', '-r', f'__ns:={namespace}',
+        [sys.executable, '-m', module, program, '--ros-args', '-r', f'__ns:={namespace}',
          *(word for each in parameters for word in ('-p', each))],
         env=environ(**more), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL))

@@ -18,7 +18,7 @@ from ..background import start_low_priority
 from ..core.numerics import jit
 
 POLL_PERIOD = .1  # [s]
-COMPILE_TIME = 'one to three minutes'  # on two cores, as is logged
+COMPILE_TIME = 'one to four minutes'  # on two cores, as is logged
 PROGRAM = 'hand_tracker.tracking.compile_kernels'
 STARTER_VARIABLE = 'HAND_TRACKER_STARTER'  # names the process that asks
 

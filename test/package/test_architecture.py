@@ -73,7 +73,7 @@ def test_no_import_runs_upwards():
     assert upward_imports() == []
 
 
-def test_only_the_fast_path_imports_from_its_sources():
+def test_only_the_fast_path_imports_from_its_modules():
     imported = {target for name in sources() if not name.startswith(FAST_PATH)
                 for target in imported_files(PACKAGE_FOLDER / name) if target.startswith(FAST_PATH)}
     assert imported == {f'{FAST_PATH}__init__.py'}
@@ -181,7 +181,7 @@ def test_no_two_modules_define_one_class_or_function():
     assert set(repeated(public)) <= entry_points | interface
 
 
-def test_every_folder_of_the_core_names_its_sources():
+def test_every_folder_of_the_core_names_its_modules():
     for folder in sorted(path for path in (PACKAGE_FOLDER / 'core').iterdir() if path.is_dir()):
         text = ast.get_docstring(
             sources().get(f'core/{folder.name}/__init__.py', ast.Module([], [])))
@@ -200,7 +200,7 @@ def test_the_architecture_names_what_is_there():
             and not (REPOSITORY / name).is_dir()] == []
 
 
-def test_the_architecture_names_every_folder_and_most_sources():
+def test_the_architecture_names_every_folder_and_most_modules():
     text = (REPOSITORY / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     expected = {f'{name.rpartition("/")[0]}/' for name in sources() if '/' in name}
     expected |= {name.split('/')[-1] for name in sources() if '__init__' not in name
