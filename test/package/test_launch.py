@@ -37,6 +37,7 @@ from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, 
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.landmark_kinds import OPENXR
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.robot_file import load_robot
 
 RVIZ = REPOSITORY / 'config' / 'hand_tracker.rviz'
@@ -160,13 +161,17 @@ def watch():
         yield node
 
 
-@pytest.fixture(scope='module')
-def short(tmp_path_factory):
-    """Return the first half second of the packaged recording."""
-    path = tmp_path_factory.mktemp('recording') / 'short.mcap'
-    with open_bag(RECORDING) as bag:
+def half_second(recording, folder):
+    """Write the first half second of a recording; return its file."""
+    path = folder / 'short.mcap'
+    with open_bag(recording) as bag:
         write_bag(path, islice(bag.messages(['/markers']), round(DEMO_RATE / 2)))
     return path
+
+
+@pytest.fixture(scope='module')
+def short(tmp_path_factory):
+    return half_second(RECORDING, tmp_path_factory.mktemp('recording'))
 
 
 def stamps(headers):
@@ -248,9 +253,11 @@ def test_tracks_the_packaged_recording(watch):
 
 
 @launches
-def test_a_left_hand_in_a_namespace_loops(watch, short):
+def test_a_left_hand_in_a_namespace_loops(watch, tmp_path):
+    # A right hand would be left out.
+    left = half_second(packaged_recording('left'), tmp_path)
     states = watch.collect(JointState, 'second/joint_states')
-    with Launch(recording=short, side='left', namespace='second') as process:
+    with Launch(recording=left, side='left', namespace='second') as process:
         watch.spin_until(lambda: len(states) > FEW and np.ptp(joint_stamps(states)) > 1e9,
                          FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
