@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.hands import markers_of
 
 from hand_tracker.core.model.hand import Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.point_labelling.natural_poses import natural_poses
 from hand_tracker.evaluation.point_labelling import (
     LabellingTrial,
@@ -22,7 +22,7 @@ def recording(name, length, side='right'):
     keys = .4 * natural_poses(hand, 10)
     places = np.linspace(0., len(keys) - 1., 200)
     angles = np.array([np.interp(places, np.arange(len(keys)), column) for column in keys.T]).T
-    points = marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))
+    points = markers_of(hand, angles)
     return NamedMarkers(name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), points, side, 120.,
                         np.zeros(len(points), dtype=int))
 

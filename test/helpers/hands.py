@@ -53,8 +53,7 @@ def motion(hand, count=40):
 def rest_state(seen=range(8), side='right'):
     """Return the state of a tracker that sees some markers of a hand at rest."""
     hand = Hand.scaled(side=side)
-    places = marker_positions(
-        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
+    places = markers_of(hand, np.zeros(len(JOINTS)))
     tracker = HandTracker(hand)
     hidden = np.full((8, 3), np.nan)
     hidden[list(seen)] = places[list(seen)]
@@ -67,7 +66,7 @@ def from_pose_to_pose(seed, poses=20):
     keys = natural_poses(hand)[poses * seed:poses * (seed + 1)]
     times = np.arange(poses * 10) / 10.
     angles = np.array([np.interp(times, np.arange(poses), column) for column in keys.T]).T
-    return marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))
+    return markers_of(hand, angles)
 
 
 def bending(number):

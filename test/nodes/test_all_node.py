@@ -11,7 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.hands import hand_at
 from helpers.natnet_server import NatNetServer
-from helpers.ros_process import Process, frames_on_fast_path, watching_node
+from helpers.ros_process import PLAIN_PYTHON, Process, frames_on_fast_path, watching_node
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -102,7 +102,7 @@ def test_packets_like_the_last_one_are_relayed():
 def test_without_compiled_kernels_markers_are_handed_over_too():
     with NatNetServer((4, 1), {'RHand': MARKERS}) as server, together(
             'tracker', 'source', remaps=['markers:=source/markers'], source='natnet',
-            port=server.port, environment={'HAND_TRACKER_JIT': '0'}) as process, \
+            port=server.port, environment=PLAIN_PYTHON) as process, \
             watching_node() as node:
         answers = node.collect(JointState, 'joint_states')
 

@@ -8,7 +8,7 @@ import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from helpers.bench import message
-from helpers.hands import BENT_ANGLES, RIGHT
+from helpers.hands import BENT_ANGLES, RIGHT, markers_of
 from helpers.ros_process import TRACKER_MODULE, NodeProcess, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.interpolate import CubicSpline
@@ -19,7 +19,6 @@ from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.hand import LINKS
 from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 
 NEEDS = 'rclpy', 'tf2_msgs', 'std_srvs'
 MOUNT = 'hand_tracker.nodes.mount_node'
@@ -47,11 +46,8 @@ class Arm:
     def markers(self, time):
         """Return the markers in their own world, which is turned upside down and shifted."""
         place, turn = self.forearm(time)
-        wrist = (turn * OFFSET[1]).as_matrix()
-        markers = marker_positions(
-            MarkerLayout().mounting(RIGHT), forward(joint_table(RIGHT), BENT_ANGLES, wrist,
-                                                    place + turn.apply(OFFSET[0])),
-            wrist, place + turn.apply(OFFSET[0]))
+        markers = markers_of(RIGHT, BENT_ANGLES, None, (turn * OFFSET[1]).as_matrix(),
+                             place + turn.apply(OFFSET[0]))
         return markers * (1., -1., -1.) + (0., 0., 2.)
 
 

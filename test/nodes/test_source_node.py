@@ -223,8 +223,8 @@ def test_lacking_messages_are_named():
 
 
 def test_as_a_process_it_says_what_is_wrong_and_ends_when_interrupted():
-    with NodeProcess(MODULE, {'source': 'point_cloud', 'topic': '/cloud'},
-                     environment={'HAND_TRACKER_JIT': '0'}) as process, watching_node() as watch:
+    with NodeProcess(MODULE, {'source': 'point_cloud', 'topic': '/cloud'}) as process, \
+            watching_node() as watch:
         process.wait_for_line('publishing on /source/markers')
         made = cloud(PLACES)
         made.fields[0].name = 'u'

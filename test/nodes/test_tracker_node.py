@@ -25,7 +25,7 @@ from helpers.bench import (
     messages,
     tracking,
 )
-from helpers.hands import BENT_ANGLES, RIGHT, hand_at, motion
+from helpers.hands import BENT_ANGLES, RIGHT, hand_at, markers_of, motion
 from helpers.ros_process import PATIENCE, PLAIN_PYTHON, NodeProcess, Process, watching_node
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
@@ -40,8 +40,8 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits
-from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.kinematics import tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.pose.deviation import unknown_deviation
@@ -429,10 +429,8 @@ def test_limits_reach_robot_state_publisher_at_the_start_and_at_run_time():
 
 def test_the_size_of_the_hand_is_learned_and_reaches_robot_state_publisher():
     hand = Hand.scaled(.205, .095)
-    angles, rotation, position = motion_named('demo', hand, 7).sample(
-        np.arange(0., 7., 1. / 120.))
-    frames = marker_positions(MarkerLayout().mounting(hand), forward(
-        joint_table(hand), angles, rotation, position), rotation, position)
+    angles, *wrist = motion_named('demo', hand, 7).sample(np.arange(0., 7., 1. / 120.))
+    frames = markers_of(hand, angles, None, *wrist)
     with tracking({'auto_size': True}) as bench, watching_node('robot_state_publisher') as shown:
         shown.declare_parameter('robot_description', '')
         told = bench.node.collect(DiagnosticArray, '/diagnostics')

@@ -8,6 +8,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from helpers.bench import hand_at, message, messages
+from helpers.hands import markers_of
 from helpers.markers import marker
 from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from rcl_interfaces.srv import SetParametersAtomically
@@ -19,9 +20,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from hand_tracker.calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, Coverage
 from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
-from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import save_hand
@@ -172,8 +172,7 @@ def test_it_shows_both_hands_of_any_layout():
             for one in hands:
                 one.set_demand(looked_at=True, compared=False)
             publisher = node.create_publisher(MarkerArray, 'markers', 10)
-            rest = {one.hand.side: marker_positions(layout.mounting(one.hand), forward(
-                joint_table(one.hand), np.zeros(25))) for one in hands}
+            rest = {one.hand.side: markers_of(one.hand, np.zeros(25), layout) for one in hands}
             frame = iter(range(10**6))
 
             def show(shown):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from helpers.allocations import counted_allocations
 from helpers.command_rules import CommandRules, use_deadman
+from helpers.hands import markers_of
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS, Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
@@ -273,8 +273,7 @@ def test_a_hidden_hand_is_lost_whatever_limits_the_tracker_has(own_hand):
         rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.05).engaged()
         hand, layout = Hand.scaled(limits=limits), MarkerLayout()
         tracker, unknown = HandTracker(hand, layout), unknown_deviation(hand.limits)
-        markers = marker_positions(layout.mounting(hand), forward(joint_table(hand), np.clip(
-            hand.relaxed(), *limits.T)))
+        markers = markers_of(hand, np.clip(hand.relaxed(), *limits.T), layout)
         for frame in range(40):
             state = tracker.update(markers, .01 * frame)
         rig.it.observe_deviations(RIGHT, state.deviation, unknown)

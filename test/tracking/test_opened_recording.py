@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from helpers.bodies import SimulatedBody
+from helpers.hands import markers_of
 from helpers.point_files import hand_recording
 
 from hand_tracker.__main__ import main
@@ -15,9 +16,8 @@ from hand_tracker.calibration.hand_labels import hand_labels
 from hand_tracker.calibration.hand_markers import UnknownMarkers, choose_markers
 from hand_tracker.calibration.take_files import load_take
 from hand_tracker.core.model.hand import JOINTS, Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, marker_positions
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bag_points import marker_messages, recorded_times
 from hand_tracker.files.bags import open_bag, write_bag
@@ -245,9 +245,8 @@ def test_markers_by_id_have_the_names_of_their_layout_in_other_formats(
         tmp_path, monkeypatch, layout):
     monkeypatch.chdir(tmp_path)
     hand, worn = Hand.scaled(), preset_layout(layout)
-    angles_of_frames, *pose = demo_motion(hand).sample(np.arange(20) / 40.)
-    points = marker_positions(worn.mounting(hand), forward(
-        joint_table(hand), angles_of_frames, *pose), *pose).astype(np.float32)
+    angles_of_frames, *wrist = demo_motion(hand).sample(np.arange(20) / 40.)
+    points = markers_of(hand, angles_of_frames, worn, *wrist).astype(np.float32)
     # Another marker beside those of the hand.
     points = np.concatenate((points, points[:, :1] + np.float32(.3)), axis=1)
     times = [10**9 + 25_000_000 * number for number in range(20)]
@@ -503,9 +502,8 @@ def test_the_unit_of_points_without_labels_is_named(tmp_path, monkeypatch, capsy
                                                     layout):
     monkeypatch.chdir(tmp_path)
     hand, worn = Hand.scaled(side='left'), preset_layout(layout)
-    angles_of_frames, *pose = demo_motion(hand).sample(np.arange(60) / 30.)
-    points = marker_positions(worn.mounting(hand), forward(
-        joint_table(hand), angles_of_frames, *pose), *pose)
+    angles_of_frames, *wrist = demo_motion(hand).sample(np.arange(60) / 30.)
+    points = markers_of(hand, angles_of_frames, worn, *wrist)
     recording = hand_recording(60)._replace(
         labels=('',) * points.shape[1], points=(size * points).astype(np.float32))
     write_recording(tmp_path / 'take.npz', recording)
@@ -664,7 +662,7 @@ def vicon_recording(labels, frames):
     """Return a left hand with Vicon's markers, 60 frames a second, and its pose."""
     layout, hand = preset_layout('vicon_production5'), Hand.scaled(side='left')
     pose = demo_motion(hand).sample(np.arange(frames) / 60.)
-    points = marker_positions(layout.mounting(hand), forward(joint_table(hand), *pose), *pose[1:])
+    points = markers_of(hand, pose[0], layout, *pose[1:])
     return PointRecording('vicon', 'test', labels, points.astype(np.float32), 60., None,
                           Axes('m', 'z')), pose
 

@@ -5,12 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.capture_files import capture_path
-from helpers.hands import from_pose_to_pose, hand_at
+from helpers.hands import from_pose_to_pose, hand_at, markers_of
 
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, OTHER_SIDE, Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
 from hand_tracker.core.model.states import PREDICTED, SEEN
 from hand_tracker.tracking.side_check import SideCheck, recorded_side_fault
 
@@ -68,8 +67,7 @@ def test_the_other_hand_of_a_capture_is_found_within_two_seconds(name):
 
 
 def test_a_flat_hand_or_a_palm_that_is_hidden_tells_nothing():
-    flat = marker_positions(
-        MarkerLayout().mounting(HAND), forward(joint_table(HAND), np.zeros(25)))
+    flat = markers_of(HAND, np.zeros(25))
     assert found_after('left', [flat] * 500) is None
     hidden = from_pose_to_pose(0)
     hidden[:, 1] = np.nan

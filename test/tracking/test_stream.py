@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.frames import RESTING
+from helpers.hands import markers_of
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import MarkerFrame
@@ -163,9 +163,8 @@ def test_a_learned_size_keeps_limits_and_coupling():
 
 def test_no_angle_jumps_where_the_size_is_learned():
     hand, period = Hand.scaled(.205, .095), 1. / 120.
-    angles, rotation, position = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
-    positions = marker_positions(MarkerLayout().mounting(hand), forward(
-        joint_table(hand), angles, rotation, position), rotation, position)
+    angles, *wrist = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
+    positions = markers_of(hand, angles, None, *wrist)
     mean = Hand.scaled()
     stream = Stream(HandTracker(mean), Reader(), AutoSize(mean, MarkerLayout()))
     found = np.array([stream.track([markers(stamp_of(round(1e9 * (1. + number * period))))
