@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
-from .images import figure_image, save_gif, spread_rows
+from .images import AnimatedFigure, save_gif, spread_rows
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
 
@@ -150,6 +150,9 @@ def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand, ti
         figure.text(share, .02, name, ha='center', color=INK, fontsize=9)
     _draw_title_bar(figure, title)
     clock = figure.text(.985, .02, '', ha='right', color=INK, fontsize=9)
+    animated = AnimatedFigure(figure, [
+        *(artist for of_hand in views for view in of_hand for artist in (view.bones, view.marks)),
+        clock])
     images = []
     for now in np.arange(motion.times[0], motion.times[-1], 1. / ANIMATION_RATE):
         for of_hand, (shown_motion, _) in zip(views, rows):
@@ -159,7 +162,7 @@ def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand, ti
                           shown_motion.seen[frame])
         frame = _frame_at(motion.times, now)
         clock.set_text(f'{motion.times[frame] - motion.times[0]:.1f} s')
-        images.append(figure_image(figure).convert('RGB'))
+        images.append(animated.image().convert('RGB'))
     save_gif(path, images, ANIMATION_RATE, ANIMATION_COLOURS,
              (*DIGIT_COLOURS, PALM_COLOUR, SEEN_COLOUR, HIDDEN_COLOUR))
 

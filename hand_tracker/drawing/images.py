@@ -5,6 +5,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -63,6 +64,32 @@ def figure_image(figure: Figure) -> Image.Image:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return Image.fromarray(np.array(canvas.buffer_rgba()))
+
+
+class AnimatedFigure:
+    """Figure of which few artists change: all others, such as text, are drawn once.
+
+    Parameters
+    ----------
+    figure : Figure
+    changing : sequence of Artist
+        Drawn over the others, in this order.
+    """
+
+    def __init__(self, figure: Figure, changing: Sequence[Artist]) -> None:
+        for artist in changing:
+            artist.set_animated(True)
+        self._changing = changing
+        self._canvas = FigureCanvasAgg(figure)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(figure.bbox)
+
+    def image(self) -> Image.Image:
+        """Return the figure as it is now, as an RGBA image."""
+        self._canvas.restore_region(self._still)
+        for artist in self._changing:
+            self._canvas.figure.draw_artist(artist)
+        return Image.fromarray(np.array(self._canvas.buffer_rgba()))
 
 
 def save_gif(path: str | PathLike[str], images: Sequence[Image.Image], rate: float, colours: int,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from .images import figure_image, save_gif
+from .images import AnimatedFigure, save_gif
 from .palette import DIGIT_COLOURS, GREY, GRID, INK, MUTED
 
 ROBOT_PANEL = 2.4  # [inches] width of a pose
@@ -77,6 +77,11 @@ class DigitLines:
     roles : sequence of str
         The digits.
     view : PalmView
+
+    Attributes
+    ----------
+    artists : list of Line2D
+        The lines, from back to front.
     """
 
     def __init__(self, ax: Axes, roles: Sequence[str], view: PalmView) -> None:
@@ -85,6 +90,7 @@ class DigitLines:
         self._digits = {role: ax.plot([], [], color=COLOUR_OF[role], linewidth=3., marker='o',
                                       markersize=3.5, solid_capstyle='round')[0]
                         for role in roles}
+        self.artists = [*self._palm.values(), *self._digits.values()]
         ax.set_aspect('equal', adjustable='box')
         ax.tick_params(labelsize=6, colors=MUTED)
         for side in ('top', 'right'):
@@ -172,7 +178,6 @@ def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[R
     hands = 'human', 'robot'
     limits = [_limits(poses, hands, view) for view in ROBOT_VIEWS]
     figure = Figure(figsize=ROBOT_GIF_SIZE, dpi=80, layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(len(ROBOT_VIEWS), len(hands), squeeze=False,
                            height_ratios=[np.ptp(up) for _, up in limits])
     lines = []
@@ -187,14 +192,14 @@ def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[R
             lines.append((hand, DigitLines(ax, list(getattr(poses[0], hand)), view)))
     _draw_legend(figure, poses[0], False)
     clock = figure.text(.99, .985, '', ha='right', va='top', color=INK, fontsize=9)
+    animated = AnimatedFigure(
+        figure, [*(line for _, drawn in lines for line in drawn.artists), clock])
     images = []
     for pose in poses:
         for hand, drawn in lines:
             drawn.draw(getattr(pose, hand))
         clock.set_text(pose.title)
-        images.append(figure_image(figure).convert('RGB'))
-        # The layout of the first frame is that of all.
-        figure.set_layout_engine('none')
+        images.append(animated.image().convert('RGB'))
     save_gif(path, images, rate, ROBOT_GIF_COLOURS, (*DIGIT_COLOURS, GREY, INK, MUTED))
 
 
