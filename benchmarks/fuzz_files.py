@@ -5,10 +5,10 @@
 
 The files are those that this package writes of a moving hand, and the small ones of a folder. Of
 each format as many are mutated: cut, with bytes changed, taken out, doubled and put elsewhere, and
-with numbers and words of headers replaced by extreme ones. A fault is any exception but those that
-the package raises for its input, any warning, a message that does not name the file, a recording
-that is not sound, more than `--seconds` of processor time for a file, or more than `--megabytes` of
-memory in all. `--case FORMAT NUMBER` makes one case again, and keeps its file.
+with numbers and words of headers replaced by extreme ones; of npz files mostly the arrays in them.
+A fault is any exception but those that the package raises for its input, any warning, a message
+that does not name the file, a recording that is not sound, more than `--seconds` of processor time
+for a file, or more than `--megabytes` of memory in all. `--case FORMAT NUMBER` makes one case again, and keeps its file.
 """
 
 import argparse
@@ -20,8 +20,10 @@ import time
 import traceback
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -54,6 +56,7 @@ KINDS = ('c3d', 'trc', 'tsv', 'optitrack', 'vicon', 'bvh', 'npz', 'mcap', 'db3')
 BAG_START_OF = dict(zip(('mcap', 'db3'), BAG_STARTS))
 SUFFIX_OF = {'optitrack': '.csv', 'vicon': '.csv'}
 CASES_AT_ONCE = 250
+REPACKED_SHARE = .8       # of npz files
 
 
 def seeds(kind, folder, files):
@@ -151,6 +154,29 @@ def mutated(content, others, random):
     return bytes(data)
 
 
+def repacked(content, random):
+    """Return a copy of an npz file with mutated arrays; a changed byte in it would not pass its CRC.
+
+    Parameters
+    ----------
+    content : bytes
+    random : numpy.random.Generator
+
+    Returns
+    -------
+    bytes
+    """
+    with ZipFile(BytesIO(content)) as archive:
+        arrays = {name: archive.read(name) for name in archive.namelist()}
+    hit = list(arrays)[int(random.integers(len(arrays)))]
+    arrays[hit] = mutated(arrays[hit], list(arrays.values()), random)
+    packed = BytesIO()
+    with ZipFile(packed, 'w') as archive:
+        for name, array in arrays.items():
+            archive.writestr(name, array)
+    return packed.getvalue()
+
+
 def require_sound(recording):
     """Raise AssertionError where a recording is not what its docstring says."""
     frames, count, three = recording.points.shape
@@ -168,7 +194,11 @@ def require_sound(recording):
 def case(kind, number, seed, contents):
     """Return the content of a case and how it is read."""
     random = np.random.default_rng((seed, KINDS.index(kind), number))
-    content = mutated(contents[int(random.integers(len(contents)))], contents, random)
+    content = contents[int(random.integers(len(contents)))]
+    if kind == 'npz' and random.random() < REPACKED_SHARE:
+        content = repacked(content, random)
+    else:
+        content = mutated(content, contents, random)
     return content, ReadingOptions(partial=bool(random.integers(2)))
 
 
