@@ -8,7 +8,8 @@ each format as many are mutated: cut, with bytes changed, taken out, doubled and
 with numbers and words of headers replaced by extreme ones; of npz files mostly the arrays in them.
 A fault is any exception but those that the package raises for its input, any warning, a message
 that does not name the file, a recording that is not sound, more than `--seconds` of processor time
-for a file, or more than `--megabytes` of memory in all. `--case FORMAT NUMBER` makes one case again, and keeps its file.
+for a file, or more than `--megabytes` of memory in all. `--case FORMAT NUMBER` makes one case
+again, and keeps its file.
 """
 
 import argparse
@@ -155,7 +156,7 @@ def mutated(content, others, random):
 
 
 def repacked(content, random):
-    """Return a copy of an npz file with mutated arrays; a changed byte in it would not pass its CRC.
+    """Return a copy of an npz file in which an array is mutated, with a right CRC.
 
     Parameters
     ----------
