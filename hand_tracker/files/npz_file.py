@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -40,7 +41,7 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
     NpzFile
     """
     try:
-        _check_sizes(path)
+        _check_arrays(path)
         # Opened here: numpy leaves its own file open where it cannot read it.
         with open(path, 'rb') as file, np.load(file, allow_pickle=False) as data:
             yield data
@@ -54,8 +55,8 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
                       + '; expected plain arrays, as numpy.savez writes them') from None
 
 
-def _check_sizes(path: Path) -> None:
-    """Raise ValueError for an archive that says its arrays are larger than they may be."""
+def _check_arrays(path: Path) -> None:
+    """Raise ValueError for arrays that are larger than they may be, or text that is none."""
     if not zipfile.is_zipfile(path):
         return
     with zipfile.ZipFile(path) as archive:
@@ -73,6 +74,10 @@ def _check_sizes(path: Path) -> None:
                     size *= max(length, 0)
                 if size > entry.file_size:
                     raise ValueError(f'{entry.filename}: shape {shape}')
+                # Any use of a character that does not exist is an error of Python itself.
+                if kind.kind == 'U' and (np.frombuffer(file.read(size), np.dtype(
+                        'u4').newbyteorder(kind.byteorder)) > sys.maxunicode).any():
+                    raise ValueError(f'{entry.filename}: no text')
 
 
 def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,

@@ -300,6 +300,19 @@ def test_hostile_headers_ask_for_no_memory(tmp_path, monkeypatch):
         read_recording(packed)
 
 
+@pytest.mark.parametrize('order', ['<', '>'])
+def test_names_of_an_npz_file_that_are_no_text_are_refused(tmp_path, order):
+    names = np.array(['wrist', 'thumb'], dtype=f'{order}U5')
+    path = tmp_path / 'points.npz'
+    np.savez(path, markers=np.zeros((2, 2, 3)) + .1, marker_names=names)
+    assert read_recording(path).labels == ('wrist', 'thumb')
+    # A code point above the last one.
+    names.view(f'{order}u4')[3] = 0x110000
+    np.savez(path, markers=np.zeros((2, 2, 3)) + .1, marker_names=names)
+    with pytest.raises(RecordingError, match='points.npz: no npz file'):
+        read_recording(path)
+
+
 def test_missing_and_unwritable_paths_are_named(tmp_path):
     with pytest.raises(RecordingError, match='no such file'):
         read_recording(tmp_path / 'none.c3d')
