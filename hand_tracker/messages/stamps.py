@@ -27,10 +27,23 @@ class Stamp(NamedTuple):
     nanosec: int
 
 
+NO_STAMP = Stamp(0, -1)   # that no message has
+
+
 @jit
 def stamp_time(sec: int, nanosec: int) -> float:
     """Return a stamp as one number [s]; NaN for zero, which drivers without a clock send."""
     return math.nan if sec == 0 and nanosec == 0 else sec + 1e-9 * nanosec
+
+
+@jit
+def is_repeated(sec: int, nanosec: int, last_sec: int, last_nanosec: int) -> bool:
+    """Return whether a stamp is the last one again.
+
+    Listeners of TF refuse a second transform of one stamp, each with a warning: a frame with a
+    repeated stamp has none on /tf, on both paths.
+    """
+    return sec == last_sec and nanosec == last_nanosec
 
 
 def seconds(stamp: Time) -> float | None:

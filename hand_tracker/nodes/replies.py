@@ -24,7 +24,7 @@ from ..messages.builders import (
     tip_frames,
     wrist_frames,
 )
-from ..messages.stamps import Time, nanoseconds
+from ..messages.stamps import NO_STAMP, Stamp, Time, is_repeated
 from ..messages.templates import ANGLE_DEVIATIONS, JOINT_STATES, TRANSFORMS, transform_numbers
 from ..tracking.stream import TrackedFrame
 from .serialization import Reply, Serialization, TFMessage
@@ -90,7 +90,7 @@ class Replies:
         self._has_listeners = False
         self._templates: dict[Any, Any] = {}
         self._tf: Publisher | None = None
-        self._last_transform: list[int | None] = [None] * len(hands)  # stamp [ns]
+        self._last_transform = [NO_STAMP] * len(hands)
         self._static_broadcaster: Any = None
         if broadcast == 'none':
             return
@@ -125,22 +125,20 @@ class Replies:
         Returns
         -------
         bool
-            Whether all went out: listeners of TF refuse a second transform of one stamp, each
-            with a warning, so that /tf has each stamp only once.
+            Whether all went out: of a repeated stamp transforms do not.
         """
         has_sent_all = True
-        for time, of_one_stamp in groupby(
-                frames.items(), lambda item: nanoseconds(item[1].stamp)):
+        for stamp, of_one_stamp in groupby(
+                frames.items(), lambda item: Stamp(item[1].stamp.sec, item[1].stamp.nanosec)):
             together = dict(of_one_stamp)
             new = {number: frame for number, frame in together.items()
-                   if time != self._last_transform[number]}
+                   if not is_repeated(*stamp, *self._last_transform[number])}
             for publisher, template, kind, numbers in (
                     *self._joint_replies(together), *self._transform_replies(new)):
-                stamp: Time = together[numbers[0]].stamp
                 publisher.publish(template.fill(stamp, np.concatenate(
                     [self._numbers(kind, number, together[number].state) for number in numbers])))
             for number in together:
-                self._last_transform[number] = time
+                self._last_transform[number] = stamp
             has_sent_all = has_sent_all and (self._tf is None or len(new) == len(together))
         return has_sent_all
 
@@ -199,7 +197,7 @@ class Replies:
 
     def published_until(self, number: int, stamp: Time) -> None:
         """Note the stamp of the last frame of a hand that the fast path has answered."""
-        self._last_transform[number] = nanoseconds(stamp)
+        self._last_transform[number] = Stamp(stamp.sec, stamp.nanosec)
 
     def follow_listeners(self) -> bool:
         """Publish deviations only while somebody listens; return whether that has changed."""

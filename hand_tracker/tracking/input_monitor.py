@@ -18,7 +18,7 @@ from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
-from ..messages.stamps import Time, nanoseconds, seconds
+from ..messages.stamps import NO_STAMP, Stamp, Time, is_repeated, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter, OncePerKey
 from .setting_names import PARAMETER_NAMES, SettingNames
@@ -145,7 +145,7 @@ class InputMonitor:
         self._announced: PalmState | str | None = None
         self._has_tracked = False
         self._fit = FitStatistics()
-        self._time: int | None = None
+        self._stamp = NO_STAMP
         self._standing = 0
         self.bends_away_from: str | None = None
         self._limiter = LogRateLimiter()
@@ -187,9 +187,10 @@ class InputMonitor:
         """
         self._received = self._labelled = now
         self._has_received = True
-        time = None if seconds(stamp) is None else nanoseconds(stamp)
-        self._standing = self._standing + 1 if time is not None and time == self._time else 0
-        self._time = time
+        stands = seconds(stamp) is not None and is_repeated(
+            stamp.sec, stamp.nanosec, *self._stamp)
+        self._standing = self._standing + 1 if stands else 0
+        self._stamp = Stamp(stamp.sec, stamp.nanosec)
         if self._standing == STANDING_STAMPS:
             self.warn_once(
                 'standing', 'the stamps stand still: frames are taken to come evenly')

@@ -34,7 +34,7 @@ from ...messages.cdr import (
     parse_points,
     point_capacity,
 )
-from ...messages.stamps import Time, stamp_time
+from ...messages.stamps import Time, is_repeated, stamp_time
 from ...messages.templates import (
     ALL_TRANSFORMS,
     ANGLE_DEVIATIONS,
@@ -393,8 +393,8 @@ def _is_next(memory: FastPathMemory, hand: HandMemory, clock: FrameClock, state:
     # False for NaN, the time of an unset stamp.
     if not stamp_time(sec, nanosec) > clock.last[0]:
         return False
-    # A time that the clock has not believed may come again, which listeners of TF refuse.
-    return sec != hand.stamp[0] or nanosec != hand.stamp[1]
+    # A time that the clock has not believed may come again.
+    return not is_repeated(sec, nanosec, hand.stamp[0], hand.stamp[1])
 
 
 @jit
