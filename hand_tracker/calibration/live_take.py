@@ -157,6 +157,21 @@ class LiveTake:
         """Whether the take has its greatest duration."""
         return self.seconds >= self._max_duration
 
+    def has_ended(self, coverage: Coverage) -> bool:
+        """Return whether every movement was shown, or the time is over."""
+        return coverage.is_complete or self.is_over
+
+    def end_lines(self, coverage: Coverage) -> list[tuple[bool, str]]:
+        """Return the lines to log when the take has ended, each with whether it is a warning.
+
+        The last line says what is done next.
+        """
+        lines = [(False, f'fitting a hand to {self.seconds:.0f} s')]
+        if missing := coverage.missing():
+            lines.insert(0, (
+                True, f'{self.seconds:.0f} s are over; not shown: {"; ".join(missing)}'))
+        return lines
+
     def take(self) -> MarkerTake:
         """Return the take of the markers seen at all."""
         points = np.array(self._frames).reshape(-1, len(MARKERS), 3)

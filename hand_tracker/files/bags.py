@@ -29,6 +29,7 @@ from ..core.errors import HandTrackerError
 from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.message_definitions import DEFINITIONS
+from ..messages.stamps import stamp_of
 from ..output_files import folder_beside
 from .cut_mcap import MAX_CHUNK_BYTES, WholeRecords, is_cut
 from .written_kinds import BAG_SUFFIXES
@@ -438,7 +439,7 @@ def _make(type_name: str, *fields: Any) -> Any:
 
 def _header(stamp: int, frame_id: str) -> Any:
     return _make('std_msgs/msg/Header',
-                 _make('builtin_interfaces/msg/Time', *divmod(stamp, 10**9)), frame_id)
+                 _make('builtin_interfaces/msg/Time', *stamp_of(stamp)), frame_id)
 
 
 @contextmanager

@@ -27,13 +27,14 @@ class Stamp(NamedTuple):
     nanosec: int
 
 
-NO_STAMP = Stamp(0, -1)   # that no message has
+NO_STAMP = Stamp(0, -1)  # that no message has
+UNSTAMPED = 0            # [s] and [ns] of a stamp of a driver without a clock
 
 
 @jit
 def stamp_time(sec: int, nanosec: int) -> float:
-    """Return a stamp as one number [s]; NaN for zero, which drivers without a clock send."""
-    return math.nan if sec == 0 and nanosec == 0 else sec + 1e-9 * nanosec
+    """Return a stamp as one number [s]; NaN for one that is unset."""
+    return math.nan if sec == UNSTAMPED and nanosec == UNSTAMPED else sec + 1e-9 * nanosec
 
 
 @jit

@@ -16,7 +16,7 @@ from ..core.numerics.quaternion import write_transforms
 from ..core.tracker import HandState
 from .cdr import ENCAPSULATION, LITTLE_ENDIAN
 from .marker_array import ADD, SPHERE, TRIANGLE_LIST
-from .stamps import Time
+from .stamps import Time, stamp_of
 
 # Messages that answer a frame, by number
 JOINT_STATES, TRANSFORMS, ANGLE_DEVIATIONS = range(3)
@@ -209,7 +209,7 @@ def joint_trajectory_template(names: Sequence[str], nanoseconds: int) -> Templat
     writer.numbers(len(names))
     for _ in range(3):          # velocities, accelerations, effort
         writer.count(0)
-    writer.pack('iI', *divmod(nanoseconds, 10**9))
+    writer.pack('iI', *stamp_of(nanoseconds))
     return writer.template()
 
 

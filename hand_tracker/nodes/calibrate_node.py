@@ -98,10 +98,9 @@ class CalibrateNode(Node):
             while not self._has_ended.wait(POLL):
                 if not rclpy.ok():
                     return
-        if missing := self._coverage.missing():
-            self.get_logger().warning(
-                f'{self._take.seconds:.0f} s are over; not shown: {"; ".join(missing)}')
-        self._publish(f'fitting a hand to {self._take.seconds:.0f} s', {})
+        for is_warning, line in self._take.end_lines(self._coverage):
+            log_line(self, is_warning, line)
+            self._publish(line, {})
         try:
             done = calibrate_takes([self._take.take()], self._output, self._limits)
         except OSError as error:
@@ -136,7 +135,7 @@ class CalibrateNode(Node):
         elif coverage.text != self._said:
             self._said = coverage.text
             self.get_logger().info(coverage.text)
-        if coverage.is_complete or self._take.is_over:
+        if self._take.has_ended(coverage):
             self._has_ended.set()
 
     def _publish(self, text: str, shares: dict[str, str]) -> None:

@@ -32,7 +32,7 @@ from ..files.layout_file import choose_layout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..files.recordings import ReadingOptions, is_bag
 from ..messages.marker_array import MARKER_ARRAY
-from ..messages.stamps import header_stamp, marker_stamps, restamp
+from ..messages.stamps import header_stamp, marker_stamps, restamp, stamp_of
 from ..package_data import packaged_recording
 from ..tracking.opened_recording import named_labels, open_recording
 from ..tracking.playback import Playback, read_ahead
@@ -299,7 +299,7 @@ class ReplayNode(Node):
 
         def tick() -> None:
             message = ClockMessage()
-            message.clock.sec, message.clock.nanosec = divmod(recorded_time(), 10**9)
+            message.clock.sec, message.clock.nanosec = stamp_of(recorded_time())
             publisher.publish(message)
 
         # A timer of ROS time would wait for this very clock.

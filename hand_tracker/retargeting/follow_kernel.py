@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.numerics.jit import Pack, jit
 from ..core.pose.deviation import mean_confidence
+from ..messages.stamps import UNSTAMPED
 from .guard_kernel import (
     GUARD_CAPACITY,
     GuardMemory,
@@ -28,7 +29,6 @@ from .jump_gate import JumpGate, accepts_position, new_jump_gate
 from .retarget_kernel import Problem, Solution, solve_frame
 
 LONGEST_HAND_STEP = .1  # [s] between two frames of the hand that counts
-UNSTAMPED = 0           # of a frame whose sender has no clock [ns]
 # What `follow_frame` did with a frame
 NOT_FOLLOWED, NO_COMMAND, COMMANDED = range(3)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.numerics.jit import Pack, packed
+from ..messages.stamps import UNSTAMPED
 from .command_guard import CommandGuard
 from .follow_kernel import (
-    UNSTAMPED,
     accept_angles,
     follow_frame,
     new_follow_memory,

@@ -23,7 +23,7 @@ from ..core.pose.report import mean_residual
 from ..core.tracker import HandTracker
 from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
-from ..messages.stamps import Stamp, seconds
+from ..messages.stamps import NO_STAMP, Stamp, is_repeated, seconds
 from ..messages.templates import joint_state_template
 from .compilation import COMPILE_TIME, STARTER_VARIABLE
 
@@ -48,6 +48,7 @@ def compile_tracking() -> HandTracker:
     MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
     mean_residual(state.residuals)
     seconds(Stamp(1, 0))
+    is_repeated(1, 0, *NO_STAMP)
     joint_state_template(JOINTS).fill(Stamp(1, 0), state.angles)
     return tracker
 

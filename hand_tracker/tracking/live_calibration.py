@@ -82,18 +82,15 @@ class LiveCalibration:
     def _collect(self, take: LiveTake) -> None:
         """Update the progress of the take; begin to fit when it is complete."""
         coverage = take.coverage()
-        if not coverage.is_complete and not take.is_over:
+        if not take.has_ended(coverage):
             if coverage.text != self._text:
                 self._text = coverage.text
                 self._log_lines.append((False, f'calibration: {self._text}'))
             self._values = coverage.values()
             return
-        if missing := coverage.missing():
-            self._log_lines.append((True, f'calibration: {take.seconds:.0f} s are over; not shown: '
-                                    + '; '.join(missing)))
         self.take, self._values = None, {}
-        self._text = f'fitting a hand to {take.seconds:.0f} s'
-        self._log_lines.append((False, f'calibration: {self._text}; tracking goes on'))
+        for is_warning, self._text in take.end_lines(coverage):
+            self._log_lines.append((is_warning, f'calibration: {self._text}'))
         self._fit = Fit(take, self._limits, self._output)
 
     def values(self) -> dict[str, str]:

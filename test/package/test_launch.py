@@ -812,7 +812,9 @@ def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch
         os.kill(int(tracker[1]), signal.SIGKILL)
         watch.spin_until(lambda: process.output.count(lost) > times
                          and process.output.count(listening) > 1, FIRST_START)
-        watch.spin_for(1.)  # for states that have come meanwhile
+        # Once it stands, for states that have come meanwhile.
+        watch.spin_until(lambda: not np.ptp(
+            [state.position for state in states[-FEW:]], axis=0).any())
         held, before = states[-1].position, len(states)
         watch.spin_until(lambda: len(states) > before + 10 * FEW)
         assert all(np.isfinite(state.position).all() for state in states)

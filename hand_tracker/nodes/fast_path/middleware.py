@@ -139,7 +139,6 @@ class CallbackContext(NamedTuple):
     get_time: int
 
 
-
 class InstalledHand(NamedTuple):
     """A hand in the messages to process.
 
