@@ -69,12 +69,12 @@ class MessageCollector:
 
 
 class Interruptions(list[type[BaseException]]):
-    """Errors of the signals that came, as of `raise_on_interruption`.
+    """Errors of received signals, recorded by the handlers of `raise_on_interruption`.
 
     Parameters
     ----------
     only_noted : bool, optional
-        Whether signals raise nothing; what runs has to look for them.
+        Whether signals are only recorded, for running code to poll.
     """
 
     def __init__(self, only_noted: bool = False) -> None:
@@ -84,7 +84,7 @@ class Interruptions(list[type[BaseException]]):
 
     @contextmanager
     def only_noted(self, on_note: Callable[[], None] | None = None) -> Iterator[None]:
-        """Raise nothing from a signal within; what runs has to look for it, and is so never cut.
+        """Defer signals to the end of this context: code in it polls for them, uninterrupted.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Interruptions(list[type[BaseException]]):
             raise self[0]
 
     def note(self, error: type[BaseException]) -> None:
-        """Take the error of a signal, and raise it unless it is only noted."""
+        """Record the error of a signal; raise it at once unless signals are deferred."""
         self.append(error)
         if self._on_note is not None:
             self._on_note()
@@ -255,7 +255,7 @@ _of_worker: list[Interruptions] = []     # of a worker process, installed by its
 
 def _run_in_worker(work: Callable[[Any, Interruptions, MessageCollector], Any],
                    task: Any) -> TaskResult:
-    """Run a task in a process whose tasks end on a signal, but not the process itself.
+    """Run a task in a worker process; a signal ends the task, not the process.
 
     A pool would end its other processes with one that ended, in the middle of a file.
     """

@@ -1,7 +1,7 @@
-"""Messages of systems, and which of them the tracker takes as they are.
+"""Message types of motion capture systems; which of them the tracker reads directly.
 
-Those go by the values of its parameter `marker_message`; a source node takes the others, and what
-is to be filtered or turned.
+The tracker reads those of its parameter `marker_message`; a source node converts the others, and
+filters or turns points.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ USUAL_LANDMARKS = min(LANDMARK_MARKERS)   # of a MarkerArray
 
 
 class DirectInput(NamedTuple):
-    """Messages that the tracker takes as they are, a value of `marker_message`, and their topic."""
+    """Direct input of the tracker: a value of `marker_message`, and the topic."""
 
     message: str
     topic: str
 
 
 def direct_input(parameters: Mapping[str, Any]) -> DirectInput | None:
-    """Return how the tracker takes a source's messages itself.
+    """Return how the tracker reads a source's messages directly, without a source node.
 
     Parameters
     ----------

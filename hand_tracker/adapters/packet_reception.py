@@ -29,7 +29,7 @@ class ReceivedPacket(NamedTuple):
 
 
 class Relay(Protocol):
-    """Receiver for a client that also reads packets, by their `PacketOrigin` alone."""
+    """Interface of receivers that may process a client's packets, by their `PacketOrigin` alone."""
 
     def __call__(self, sockets: Sequence[int], timeout: float,
                  is_stream: bool = False) -> Sequence[ReceivedPacket] | None:

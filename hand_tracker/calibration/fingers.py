@@ -73,7 +73,7 @@ def _leaning_axis(lean: np.ndarray) -> np.ndarray:
 
 
 def _off_plane(axis: np.ndarray, aside: float, pip: np.ndarray, dip: np.ndarray) -> np.ndarray:
-    """Return the distance of PIP joints from the planes of an axis and of DIP joints beside them.
+    """Return the distance of PIP joints from planes through an axis that DIP joints lie beside.
 
     Parameters
     ----------

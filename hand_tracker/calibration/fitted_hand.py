@@ -300,7 +300,7 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
 
 
 def _splay(digit: FittedDigit, axis: np.ndarray, limits: np.ndarray) -> float:
-    """Return a finger's splay while it is straight, or beside it, so that its turns keep limits.
+    """Return a finger's splay: its median abduction when straight, shifted into limits [rad].
 
     `limits` (2,) are of the turn about the axis, in either order [rad].
     """
@@ -334,7 +334,7 @@ def _rest_direction(digit: FittedDigit, usual: np.ndarray, limits: np.ndarray) -
 
 
 def _shift_into(angles: np.ndarray, limits: np.ndarray) -> float:
-    """Return the least shift of zero by which angles come within limits, or centred, if wider."""
+    """Return the least shift that brings angles within limits, or centres a wider range [rad]."""
     low, high = np.percentile(angles, SHOWN_PERCENTILES)
     below, above = low - limits[0], high - limits[1]
     if above - below > 0.:

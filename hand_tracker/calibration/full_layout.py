@@ -1,4 +1,4 @@
-"""Layout of all markers of a take, as a calibration has found them."""
+"""Marker layout of all markers of a take, by their fitted mounts."""
 
 import numpy as np
 

@@ -221,7 +221,7 @@ def with_recognised_axes(recording: PointRecording,
 
 
 def likelier_unit(recording: PointRecording) -> str:
-    """Return the unit in which the first hand would have a hand's size, empty where it has one.
+    """Return the unit that gives the first hand a human size; empty if it has one already.
 
     Points without names are taken for those of a hand.
     """

@@ -75,7 +75,7 @@ def are_nameless(labels: Iterable[str]) -> bool:
 
 
 def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels of joints that say the same of markers: 'right_wrist' for 'RightHand'.
+    """Return labels of joints renamed as those of markers: 'right_wrist' for 'RightHand'.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Those that say the same of either stay.
+        Labels with the same meaning for both are unchanged.
     """
     return tuple(
         label if joint is None or joint == marker
@@ -93,7 +93,7 @@ def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def spellings(label: str) -> list[tuple[str, str]]:
-    """Return the sides and the names without a side as which a label may be read.
+    """Return the possible readings of a label: its side, and its name without the side.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def spellings(label: str) -> list[tuple[str, str]]:
     side, words = _split(label)
     found = [(side, '_'.join(words))]
     own = label.rpartition(':')[2].strip()
-    # In capitals a side's letter may as well be one of the name.
+    # In capitals the letter of a side may also belong to the name.
     if not side and own.isupper() and len(own) > 1 and own[0].lower() in LABEL_SIDES:
         found.append((LABEL_SIDES[own[0].lower()], '_'.join(_words(own[1:])[1])))
     return found

@@ -83,7 +83,7 @@ def complete_layout(recording: PointRecording) -> LikelyLayout | None:
 
 
 def first_complete(layouts: Sequence[LikelyLayout]) -> LikelyLayout | None:
-    """Return the likeliest whose markers are all there, None for none."""
+    """Return the likeliest layout whose markers are all present, None for none."""
     return next((layout for layout in layouts if layout.is_complete), None)
 
 

@@ -83,7 +83,7 @@ def fit_flexion_line(first: np.ndarray, second: np.ndarray, average: np.ndarray)
 
 
 def _over_first(line: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return deviations (2,) of a line over the first flexion by one over the direction."""
+    """Return the deviations (2,) of a line over the first flexion, from one over the direction."""
     larger = 1. / (1. - DIRECTION_SHARE * line[0])
     change = np.array(((larger ** 2, 0.), (DIRECTION_SHARE * line[1] * larger ** 2, larger)))
     return np.sqrt(np.diag(change @ covariance @ change.T))

@@ -155,7 +155,7 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
 
 
 def _misses_of_axes(saddle: Saddle, joints: np.ndarray) -> np.ndarray:
-    """Return how far recorded joints are from where a thumb's axes allow them.
+    """Return the residuals of recorded joints from a thumb's axes and its plane of flexion.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ SKELETON_KINDS = SKELETON_KIND, SKINNED_KIND
 def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
     """Convert the recording of a command line; return the closing line."""
-    # Here, so that a wrong option is told at once.
+    # Here, so that a wrong option is reported at once.
     from ..calibration.hand_labels import labels_as_markers
     from ..calibration.recorded_points import recorded_points
     from ..files.bags import STORAGE

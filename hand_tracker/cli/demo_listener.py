@@ -196,13 +196,13 @@ class Listener:
         return right, count
 
     def before_first(self) -> int:
-        """Return how many received frames came before the first that is answered."""
+        """Return the number of received frames before the first answered one."""
         return len(self._frames) - self.left_out()[1]
 
     def left_out(self) -> tuple[int, int]:
-        """Return how many received frames were not answered, and of how many from the first on.
+        """Return the numbers of unanswered and of all frames since the first answered one.
 
-        The frames before the first answer do not count, in which the palm may not be seen.
+        Frames before the first answer do not count: the palm may not be seen in them.
         """
         answered = set().union(*(hand.angles for hand in self.hands))
         first = min(answered, default=0)

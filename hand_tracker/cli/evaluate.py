@@ -17,7 +17,7 @@ from ..evaluation import EVALUATIONS
 from ..evaluation.evaluation_options import Options
 from .recording_options import add_frame_rate_option, require_inputs
 
-# What reads files and tracks is imported where it is used, so that a wrong option is told at once.
+# Readers and tracker are imported where they are used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
     from ..calibration.takes import MarkerTake
     from ..core.model.marker_layout import MarkerLayout

@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         require_inputs(options)
-        # Here, so that a wrong option is told at once.
+        # Here, so that a wrong option is reported at once.
         from ..calibration.known_layouts import likely_layouts
         from ..calibration.recorded_points import recorded_points
         from .inspect_recording import next_command, summary, summary_lines

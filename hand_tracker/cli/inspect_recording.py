@@ -155,13 +155,13 @@ def _output(path: Path, end: str) -> str:
 
 
 def _alike(paths: Iterable[Path], stem: str) -> list[Path]:
-    """Return the recordings among paths whose outputs would begin with one name."""
+    """Return the recordings among paths whose names begin with the same stem."""
     return [one for one in paths
             if one.name.partition('.')[0] == stem and is_named_as_recording(one)]
 
 
 def _calibration_command(command: str) -> str:
-    """Return the command that fits a hand file to what another one tracks with a layout.
+    """Return the calibration command for the recording and layout of a tracking command.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from .recording_options import add_recording_options, run_command
 
 def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track and plot the recording; return a closing message."""
-    # Here, so that a wrong option is told at once.
+    # Here, so that a wrong option is reported at once.
     from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
     from .tracking_job import tracked_recording
 

@@ -17,7 +17,7 @@ def main(arguments: list[str] | None = None) -> None:
                         help='file to write, .mcap or .db3 (default: the packaged one of the '
                         'side, below the current folder)')
     chosen = parser.parse_args(arguments)
-    # Here, so that a wrong option is told at once.
+    # Here, so that a wrong option is reported at once.
     import numpy as np
 
     from ..files.bags import write_bag

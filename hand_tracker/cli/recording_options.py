@@ -25,7 +25,7 @@ from ..messages.labels import (
 )
 from ..parallel import Interruptions, raise_on_interruption
 
-# What reads files and tracks is imported where it is used, so that a wrong option is told at once.
+# Readers and tracker are imported where they are used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
     from ..files.recordings import ReadingOptions
     from ..tracking.point_bag import PointBag
@@ -197,7 +197,7 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
 
 
 def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
-    """Refuse options of a command line that MarkerArrays, read message by message, do not heed.
+    """Refuse options that have no effect on MarkerArrays, which are read message by message.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
                             not given.get('keep_zeros'), options.labels != WITHOUT_LABELS,
                             given.get('partial', False))
     if isinstance(recording, PointBag):
-        # Missing points were left out, and units heeded, as the file was read.
+        # Missing points were left out, and units applied, as the file was read.
         return reading._replace(scale=given.get('unit_scale', 1.), zero_is_missing=False,
                                 has_labels=recording.has_labels)
     return reading

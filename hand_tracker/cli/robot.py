@@ -52,7 +52,7 @@ def main(args: list[str] | None = None) -> int:
         return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
                           options.robot, '--robot-description', options.urdf])
     try:
-        # Here, so that a wrong option is told at once.
+        # Here, so that a wrong option is reported at once.
         from ..retargeting.robot_file import load_robot
         from ..retargeting.robot_inspection import findings, robot_file_text
 

@@ -17,7 +17,7 @@ from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
 from .recording_options import add_layout_option, require_inputs
 
-# What simulates is imported where it is used, so that a wrong option is told at once.
+# What simulates is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
     from ..files.bags import BagMessage
     from ..simulation.simulator import Simulation

@@ -12,7 +12,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from .recording_options import add_hand_options, require_inputs
 
-# What makes the skin is imported where it is used, so that a wrong option is told at once.
+# What makes the skin is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
     from ..skin.skinning import Skin
 

@@ -13,7 +13,7 @@ from .recording_options import add_recording_options, run_command
 
 
 def _splice(options: argparse.Namespace, interrupted: Interruptions) -> str:
-    # Here, so that a wrong option is told at once.
+    # Here, so that a wrong option is reported at once.
     from .splice_recordings import splice_recordings
 
     return splice_recordings(options, interrupted)

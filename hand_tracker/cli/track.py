@@ -12,7 +12,7 @@ from .recording_options import add_recording_options, run_command
 
 
 def _track(options: argparse.Namespace, interrupted: Interruptions) -> str:
-    # Here, so that a wrong option is told at once.
+    # Here, so that a wrong option is reported at once.
     from .track_recordings import track_recordings
 
     return track_recordings(options, interrupted)

@@ -100,7 +100,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
 
 def _track_located(options: argparse.Namespace, interrupted: Interruptions,
                    progress: ProgressMaker = Progress) -> TrackedFile:
-    """Track a recording of which the input, the output or both may be elsewhere."""
+    """Track a recording; its input and output may be URLs: download first, upload after."""
     if isinstance(options.recording, Url):
         with local_copy(options.recording) as copy:
             return _track_located(_with(options, recording=copy), interrupted, progress)

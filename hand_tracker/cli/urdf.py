@@ -32,7 +32,7 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(args)
     try:
         require_inputs(options)
-        # Here, so that a wrong option is told at once.
+        # Here, so that a wrong option is reported at once.
         from ..files.hand_file import choose_hand
         from ..files.urdf_file import urdf
 

@@ -17,7 +17,7 @@ from .recording_options import (
     require_inputs,
 )
 
-# The viewer is imported where it is used, so that a wrong option is told at once.
+# The viewer is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
     from ..viewer.recording_source import ViewerRecording
 

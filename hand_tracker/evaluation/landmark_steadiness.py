@@ -61,7 +61,7 @@ def simulated_camera(seed: int) -> tuple[Capture, np.ndarray]:
     truth = np.tile(truth, (-(-round(SECONDS_OF_CAMERA * CAMERA_RATE) // len(truth)), 1, 1))
 
     def slow(seconds: float, *shape: int) -> np.ndarray:
-        """Return noise of unit variance that is forgotten within a time."""
+        """Return AR(1) noise of unit variance with a correlation time [s]."""
         keep = np.exp(-1. / (seconds * CAMERA_RATE))
         white = rng.normal(size=(len(truth), *shape))
         white[1:] *= np.sqrt(1. - keep**2)

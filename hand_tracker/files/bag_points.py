@@ -1,4 +1,4 @@
-"""Messages of points of rosbag2 recordings as recordings of points; these as MarkerArrays."""
+"""Read point messages of rosbag2 recordings; write recordings of points as MarkerArrays."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ BAG_FORMAT = 'rosbag2'
 WRITTEN_TOPIC = '/markers'
 WRITTEN_FRAME = 'world'
 START_TIME = 10**9         # [ns] of the first frame: a stamp of zero is none
-KEPT_TEMPLATES = 512       # of markers that are seen together
+KEPT_TEMPLATES = 512       # cached message templates, one for each set of seen markers
 MAX_BAG_LABELS = 4096
 POINT_MESSAGES = {kind.type: kind for kind in (
     MARKER_ARRAY_KIND, POINT_CLOUD, MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES,
@@ -73,7 +73,7 @@ class BagFrame(NamedTuple):
 
 
 def point_topics(bag: Bag, topic: str | None = None) -> list[str]:
-    """Return the topics of a recording that may have the points: that asked for, else '/markers'.
+    """Return the candidate topics for a recording's points: the requested one, else '/markers'.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def point_topics(bag: Bag, topic: str | None = None) -> list[str]:
     Returns
     -------
     list of str
-        Without either all with MarkerArrays, and without these all with messages of points.
+        If there is none, all MarkerArray topics, or else all topics with messages of points.
     """
     fitting = sorted(name for name, kind in bag.topics.items() if kind in POINT_MESSAGES)
     for wanted in (topic, f'/{topic.lstrip("/")}') if topic else (USUAL_TOPIC,):
@@ -165,7 +165,7 @@ def read_bag_points(path: Path, zero_is_missing: bool = True, topic: str | None 
             if kind == POINT_CLOUD.type and len(frame.points) >= MOST_MARKERS:
                 raise RecordingError(f'{path}: {topic}: a cloud of {MOST_MARKERS} points or more; '
                                      'expected fewer: markers, not the surface of things')
-            # Points without a name are told apart by their number alone.
+            # Points without a name are distinguished by their number alone.
             numbers = count()
             row = np.array([columns.setdefault((name, 0 if name else next(numbers)), len(columns))
                             for name in frame.names], int)
@@ -199,7 +199,7 @@ def read_bag_points(path: Path, zero_is_missing: bool = True, topic: str | None 
 
 
 def _times(received: Sequence[int], stamps: Sequence[int | None]) -> list[int]:
-    """Return the time of each message: its stamp, else of its recording as far behind as others.
+    """Return the time of each message: its stamp, else receipt less the median delay [ns].
 
     A message without points has no stamp.
     """
@@ -218,7 +218,7 @@ def _frame_reader(bag: Bag, topic: str) -> Callable[[bytes], BagFrame]:
 
 
 def _as_known(types: Any, data: bytes, kind: str) -> bytes:
-    """Return a message that a recording defines otherwise with the fields that its parser knows."""
+    """Convert a message from the recording's own definition of its type to the known one."""
     # Damaged bytes, and damaged definitions, can raise anything.
     try:
         message = types.deserialize_cdr(data, kind)

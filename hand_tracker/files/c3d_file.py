@@ -225,7 +225,7 @@ def _header(path: Path, head: bytes, parameters: Parameters, processor: int) -> 
 
 
 def _frame_counts(parameters: Parameters, of_header: int) -> tuple[int, ...]:
-    """Return every number of frames that the file names, those that 16 bits cannot hold alone."""
+    """Return all frame counts in the file; 16-bit counts that are saturated only if alone."""
     found = []
     ends = [end for name in ('START', 'END')
             if isinstance(end := parameters.get(('TRIAL', f'ACTUAL_{name}_FIELD')), np.ndarray)
@@ -252,7 +252,7 @@ def _labels(parameters: Parameters, points: int) -> list[str]:
 
 
 def _places(labels: list[str], parameters: Parameters) -> tuple[list[int], list[str]]:
-    """Return the columns that are places, and a note on the others."""
+    """Return the columns of marker positions, and a note on model outputs, which are left out."""
     others = {label for name in NO_PLACES
               if isinstance(listed := parameters.get(('POINT', name)), list)
               for label in listed if label}

@@ -1,4 +1,4 @@
-"""MCAP files that are cut, or were never closed: their whole records, with an end.
+"""Recover truncated or unclosed MCAP files: their complete records, with an end appended.
 
 The format is that of mcap.dev/spec: records of a code and a length, of which some are chunks of
 records.
@@ -21,15 +21,15 @@ FOOTER, CHUNK = 2, 6              # codes
 # A footer without a summary.
 MCAP_END = RECORD_HEAD.pack(FOOTER, 20) + bytes(20) + MCAP_MAGIC
 MAX_CHUNK_BYTES = 2**28           # when unpacked; usual are 1 to 4 MB
-MAX_CUT_BYTES = 2**25             # that are read of a chunk which is cut itself
-# Of a chunk that is cut; one packed by lz4 is left out.
+MAX_CUT_BYTES = 2**25             # read of a truncated chunk, at most
+# Decompression of a truncated chunk; one compressed by lz4 is left out.
 PARTIAL_UNPACKING: dict[bytes, Callable[[bytes, int], bytes]] = {
     b'': lambda data, size: data[:size],
     b'zstd': lambda data, size: storage_mcap.zstd.ZstdDecompressor().decompress(data, size)}
 
 
 def is_cut(path: Path) -> bool:
-    """Return whether an MCAP file has no end."""
+    """Return whether an MCAP file is truncated: its end magic is missing."""
     with open(path, 'rb') as file:
         head = file.read(len(MCAP_MAGIC))
         file.seek(-min(path.stat().st_size, len(MCAP_MAGIC)), io.SEEK_END)
@@ -37,7 +37,7 @@ def is_cut(path: Path) -> bool:
 
 
 class WholeRecords:
-    """The whole records of a cut MCAP file as a file, for rosbags, which opens it as a path.
+    """Complete records of a truncated MCAP file, as a path-like object that rosbags can open.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class WholeRecords:
             self._end = _whole_chunk(file.read(MAX_CUT_BYTES)) + MCAP_END
 
     def open(self, mode: str) -> BinaryIO:
-        """Open it for reading."""
+        """Open the complete records, with an end appended, for reading."""
         del mode
         raw: io.RawIOBase = _EndedFile(self._path, self._size, self._end)
         return io.BufferedReader(raw)
@@ -62,7 +62,7 @@ class WholeRecords:
 
 
 class _EndedFile(io.RawIOBase):
-    """The beginning of a file, with other bytes behind."""
+    """The first bytes of a file with other bytes appended, as a raw stream."""
 
     def __init__(self, path: Path, size: int, end: bytes) -> None:
         self._file = open(path, 'rb', buffering=0)
@@ -97,7 +97,7 @@ class _EndedFile(io.RawIOBase):
 
 
 def _whole_size(file: BinaryIO, at: int, size: int) -> int:
-    """Return where the last whole record but the footer ends, of those from a place on."""
+    """Return the end offset of the last complete record, from `at` on and before the footer."""
     while True:
         file.seek(at)
         head = file.read(RECORD_HEAD.size)
@@ -110,7 +110,7 @@ def _whole_size(file: BinaryIO, at: int, size: int) -> int:
 
 
 def _whole_chunk(cut: bytes) -> bytes:
-    """Return a chunk of the whole records in one that is cut, not packed; empty for none."""
+    """Return the complete records of a truncated chunk as an uncompressed chunk; empty if none."""
     place = RECORD_HEAD.size + CHUNK_HEAD.size
     if len(cut) < place or cut[0] != CHUNK:
         return b''
@@ -120,7 +120,7 @@ def _whole_chunk(cut: bytes) -> bytes:
         return b''
     try:
         records = unpack(cut[place + length + 8:], min(size, MAX_CUT_BYTES))
-    # Whatever the library raises of damaged bytes, or where it is another: nothing is whole.
+    # Damaged bytes, or another version of the library, may raise anything: no record is recovered.
     except Exception:
         return b''
     records = records[:_whole_size(io.BytesIO(records), 0, len(records))]

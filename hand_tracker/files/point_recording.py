@@ -207,7 +207,7 @@ class PointRecording(NamedTuple):
 
 
 def even_rows(times: np.ndarray) -> np.ndarray:
-    """Return the row of each frame where those that were left out have rows, too.
+    """Return the row of each frame in an evenly timed recording, with rows for left-out frames.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def even_rows(times: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of int, shape (T,)
-        0, 1, 2, ... where none was left out, or so many that it is another recording.
+        0, 1, 2, ... where none was left out, or too many, see `MOST_FILLED`.
     """
     steps, usual = np.diff(times), np.median(np.diff(times))
     if usual <= 0. or (np.abs(steps - usual) < .5 * usual).all():
@@ -353,7 +353,7 @@ class PointBuffer:
                 f'{size / 1e9:.1f} GB; expected at most {MAX_POINT_BYTES / 1e9:.1f} GB')
 
     def append(self, points: np.ndarray) -> None:
-        """Add frames, shape (n, N, 3); a coordinate that no place has makes its point missing."""
+        """Add frames, shape (n, N, 3); points with an impossible coordinate become missing."""
         with np.errstate(over='ignore', invalid='ignore'):
             points = points.astype(np.float32, copy=False)
             missing = ~(np.abs(points) < MAX_COORDINATE).all(axis=2)

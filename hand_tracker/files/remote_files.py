@@ -30,7 +30,7 @@ def located(text: str) -> Path | Url:
 
 
 def matching(url: Url) -> list[Url]:
-    """Return the URLs that one with * or ? stands for, itself for one without.
+    """Return the URLs that match a URL with wildcards; a URL without them is returned itself.
 
     Raises
     ------

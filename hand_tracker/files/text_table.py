@@ -406,7 +406,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
 
 
 def known_rate(rate: float, times: np.ndarray | None) -> float:
-    """Return a file's rate, that of its times where it has none, NaN where neither is known [Hz].
+    """Return a file's frame rate: as given, else by the median step of its times, else NaN [Hz].
 
     Parameters
     ----------
@@ -421,7 +421,7 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
 
 
 def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:
-    """Return rate and times of frames, of evenly spaced ones to the digits that the file rounds.
+    """Return frame rate and times; evenly spaced times are freed of the file's rounding.
 
     Parameters
     ----------
@@ -435,7 +435,7 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
     rate : float
         As of `known_rate`.
     times : ndarray, shape (T,), or None
-        Multiples of the period where all are near them, frames that are left out or not.
+        Multiples of the period if all are within the rounding of one; frames may be left out.
     """
     known = known_rate(rate, times)
     if times is None:

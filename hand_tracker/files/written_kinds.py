@@ -1,6 +1,6 @@
 """Kinds of files that commands write, and their variants, as their options list them.
 
-Nothing is imported here, so that a wrong option is told at once.
+Nothing is imported here, so that a wrong option is reported at once.
 """
 
 from __future__ import annotations

@@ -113,14 +113,14 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
 @jit
 def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
                        numbers: np.ndarray, unknown: np.ndarray, rows: np.ndarray) -> None:
-    """Take the standard deviations of the hand's angles; where little is known, it is lost.
+    """Update the confidence by the deviations of the hand's angles; if it is low, lose the hand.
 
     Parameters
     ----------
     memories, guards : packs
         Changed.
     numbers, unknown : ndarray
-        What they are, and what they would be of an angle of which nothing is known [rad].
+        Standard deviations of the angles, and their prior ones, see `mean_confidence` [rad].
     rows : ndarray of int, shape (25,)
         Those of the hand's angles.
     """

@@ -24,7 +24,7 @@ DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
 
 
 class GuardMemory(NamedTuple):
-    """Numbers of the guard of n joints; of its arrays of joints the first n count.
+    """State of the guard of n joints: the first n entries of each array of joints are used.
 
     Attributes
     ----------
@@ -301,7 +301,7 @@ def move_command(guards: Pack[GuardMemory], goal: np.ndarray, goal_velocity: np.
 
 @jit
 def _braked_speed(distance: float, acceleration: float, slowing: float) -> float:
-    """Return the speed from which steps of slowing, the first at that speed, end at a distance.
+    """Return the highest speed from which braking in discrete steps stops within a distance.
 
     Parameters
     ----------
@@ -313,6 +313,6 @@ def _braked_speed(distance: float, acceleration: float, slowing: float) -> float
         Change of speed in a step at most.
     """
     step = slowing / acceleration
-    # Whole steps of slowing that follow: n and the rest of the speed lead over n + 1 steps.
+    # Number n of whole braking steps that follow: the distance is covered in n + 1 steps.
     following = math.floor(.5 * (math.sqrt(1. + 8. * abs(distance) / (slowing * step)) - 1.))
     return (abs(distance) / step + .5 * slowing * following * (following + 1.)) / (following + 1.)

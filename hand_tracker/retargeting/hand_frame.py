@@ -1,4 +1,4 @@
-"""Name how a hand's frame is turned, where retargeting would turn the robot's fingers with it."""
+"""Check that landmarks are in the wrist's frame; name the axes of one that is turned."""
 
 from __future__ import annotations
 

@@ -210,16 +210,16 @@ def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
 
 def _narrowed(joint: UrdfJoint, lower: float, upper: float, multiplier: float,
               offset: float) -> tuple[float, float]:
-    """Return the limits of a variable within which a mimic joint of it keeps its own."""
+    """Return a variable's limits, narrowed so that a mimic joint of it stays within its own."""
     ends = sorted((limit - offset) / multiplier for limit in (joint.lower, joint.upper))
     return max(lower, ends[0]), min(upper, ends[1])
 
 
 def _kept_by(joint: UrdfJoint, variable: str, lower: float, upper: float, multiplier: float,
              offset: float) -> tuple[float, float]:
-    """Return as `_narrowed`, of a mimic joint that is commanded; refuse it where nothing is left.
+    """Return a variable's limits narrowed by a commanded mimic joint; raise if none are left.
 
-    One without limits has none to keep.
+    A joint that is continuous or without limits does not narrow them.
     """
     if joint.kind == 'continuous' or not joint.upper > joint.lower:
         return lower, upper

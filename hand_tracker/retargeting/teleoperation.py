@@ -210,7 +210,7 @@ class Teleoperation:
 
     def observe_deviations(self, names: Sequence[str], deviations: Sequence[float] | np.ndarray,
                            unknown: Sequence[float] | np.ndarray) -> None:
-        """Take the standard deviations of the hand's angles; where little is known, it is lost.
+        """Update the confidence by the deviations of the angles; if it is low, lose the hand.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class Teleoperation:
         deviations : sequence of float
             [rad]
         unknown : sequence of float
-            Of angles of which nothing is known; where it is not as long, nothing is [rad].
+            Prior deviations of the angles; with another length the confidence is 0 [rad].
         """
         rows, _ = self._deviation_rows.find(names)
         if rows.min() < 0 or len(deviations) != len(names):

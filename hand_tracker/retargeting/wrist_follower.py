@@ -239,18 +239,18 @@ class WristFollower:
 
 def _next_velocity(velocity: np.ndarray, rest: np.ndarray, step: float, most: float,
                    acceleration: float) -> np.ndarray:
-    """Return the velocity of the next step of a way.
+    """Return the velocity of the next step to a goal, within limits of speed and acceleration.
 
     Parameters
     ----------
     velocity : ndarray, shape (3,)
         Of the last step [m/s or rad/s].
     rest : ndarray, shape (3,)
-        What is left of the way [m or rad].
+        Remaining way to the goal [m or rad].
     step : float
         [s]
     most, acceleration : float
-        Of its length [m/s or rad/s], and of its rise [m/s² or rad/s²].
+        Limits of the speed [m/s or rad/s], and of the acceleration [m/s² or rad/s²].
     """
     left = float(np.linalg.norm(rest))
     if left <= 0.:
@@ -259,7 +259,7 @@ def _next_velocity(velocity: np.ndarray, rest: np.ndarray, step: float, most: fl
     gain = acceleration * step
     arriving = math.sqrt(.25 * gain**2 + 2. * acceleration * left) - .5 * gain
     wanted = rest * (min(most, arriving, left / step) / left)
-    # What of the velocity leads there is kept; the rest of it ends at once.
+    # The velocity's part towards the goal is kept; the rest of it ends at once.
     speed = float(velocity @ velocity)
     kept = velocity * min(max(float(velocity @ wanted) / speed, 0.), 1.) if speed > 0. else velocity
     return kept + _shortened(wanted - kept, gain)

@@ -160,7 +160,7 @@ class BallGrasp:
         self._data.ctrl[:] = positions
 
     def advance(self, time: float) -> None:
-        """Let time pass, until one since the recording began [s]."""
+        """Step the physics to a time since the recording began [s]."""
         while self.time < time:
             self._model.opt.gravity[:] = gravity_at(self.time)
             self._step(self._model, self._data)

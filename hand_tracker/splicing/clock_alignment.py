@@ -16,16 +16,16 @@ from ..core.errors import HandTrackerError
 GRID_RATE = 120.           # [Hz] at which speeds are compared
 CUTOFF = 6.                # [Hz] of the low-pass filter: faster than wrists turn is noise
 MIN_OVERLAP = 3.           # [s] that both recordings must show
-PEAK_WIDTH = .5            # [s] about the best offset that is the same peak
-MIN_SPREAD = .02           # standard deviation of a wrist's speed that shows a clock, of the mean
+PEAK_WIDTH = .5            # [s] around the best offset that counts as the same peak
+MIN_SPREAD = .02           # least standard deviation of a wrist's speed, over its mean
 MIN_CORRELATION = .5
 MIN_CONFIDENCE = .1
 SURE_CORRELATION = .9
 SURE_DEVIATION = .004      # [s]
-LEAST_REST = .01           # share of a speed's variance that no other system sees alike
+LEAST_REST = .01           # share of a speed's variance that always differs between systems
 WINDOW = 20.               # [s] in which the drift is taken for constant
-DRIFT_REACH = .5           # [s] that it may amount to over half of the recording
-DRIFT_OVERLAP = 60.        # [s] from which on a drift is distinguished from noise
+DRIFT_REACH = .5           # [s] search range of a window's offset about the coarse one
+DRIFT_OVERLAP = 60.        # [s] least duration to distinguish drift from noise
 
 
 class AlignmentError(HandTrackerError):

@@ -92,7 +92,7 @@ class LatencyStatistics:
             self._times.append(time)
 
     def left_out(self, count: int) -> None:
-        """Note frames that came and were not tracked: they are not dropped."""
+        """Count received frames that were not tracked, which are not dropped ones."""
         self._left_out += count
 
     def summary(self) -> LatencySummary:

@@ -11,8 +11,8 @@ from .opened_recording import open_recording
 from .point_bag import PointBag
 from .recording import MarkerReading, marker_topic, sampled_messages
 
-LEAST_PALM_SHARE = .25   # of the frames, below which labels are of no use where
-POINTS_SHARE = .5        # of the frames have at least as many points as the hand has markers. Ours
+LEAST_PALM_SHARE = .25   # of frames with the palm seen; with fewer, labels are useless
+POINTS_SHARE = .5        # if this share has as many points as the hand has markers. Ours
 CHECK_STEP = .1          # [s] between frames that are looked at
 CHECKED_SECONDS = 60.    # from the start of a recording
 

@@ -13,9 +13,9 @@ from .rate_limit import LogRateLimiter
 
 RECOVERED_AFTER = 1.  # [s] as expected before a marker counts as seen again
 UNLABELLED_AFTER = 1.   # [s] of points without a label, before points are labelled
-CHANGED_LABELS = 12     # frames with labels that changed places, within that time; ours
-POINT_STEP = .005       # [m] that points move in a frame at most, where a label changes; ours
-LABEL_STEP = .015       # [m] that the label moves then at least; ours
+CHANGED_LABELS = 12     # frames with exchanged labels, within `UNLABELLED_AFTER`; ours
+POINT_STEP = .005       # [m] largest motion of a point whose label changes; ours
+LABEL_STEP = .015       # [m] least jump of that label; ours
 
 EVENTS = {
     MarkerState.STALE: 'no longer seen, its part of the hand is a guess',

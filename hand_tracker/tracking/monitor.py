@@ -112,7 +112,7 @@ class Monitor:
         return self._input.is_wrong
 
     def judge(self, received: float, frame: TrackedFrame | MarkerFrame) -> TrackedFrame | None:
-        """Judge a result of `Stream.track` by what was noted of the frames before.
+        """Invalidate a result of `Stream.track` if earlier frames show another hand's markers.
 
         Parameters
         ----------

@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Hashable
 
-LOG_WINDOW = 10.  # [s] in which at most
-LOG_LINES = 6     # lines of a kind are logged, however the input flickers
-KEYS_LOGGED = 32    # that have a line each
+LOG_WINDOW = 10.  # [s] sliding window for `LOG_LINES`
+LOG_LINES = 6     # lines logged within that window, at most
+KEYS_LOGGED = 32    # keys with a line each, at most
 
 
 class RateLimiter:

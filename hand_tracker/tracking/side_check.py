@@ -13,14 +13,14 @@ from ..core.model.states import SEEN, SWAPPED
 from ..core.tracker import HandState
 from .setting_names import BAG_OPTION_NAMES, SettingNames
 
-# [m] that digits are beyond the palm's plane: more than fingers bend back, MCP by 30 degrees, and
-# than a thumb goes behind it; ours.
+# [m] depth beyond the palm's plane at which a digit counts: more than that of fingers hyperextended
+# by 30 degrees at the MCP, or of a thumb behind the palm; ours.
 BEYOND_PALM = .035
-LEAST_FINGERS = 3       # that are beyond it, of those that are seen
-LEAST_BENT = .4         # [s] for which they are, before it is said
-GREATEST_STEP = .25     # [s] that a frame counts for at most
-MINOR_SHARE = .25       # of that time, for which they are beyond it on the other side at most
-MEMORY = 1.             # [s] of that time that count: a verdict may be mended. Ours
+LEAST_FINGERS = 3       # seen fingers beyond the palm's plane, at least
+LEAST_BENT = .4         # [s] of digits beyond the palm for a verdict
+GREATEST_STEP = .25     # [s] longest time that one frame counts for
+MINOR_SHARE = .25       # largest ratio of the times on the two sides for a verdict
+MEMORY = 1.             # [s] bound of these times, so that a verdict can change. Ours
 
 
 class SideCheck:
@@ -91,7 +91,7 @@ class SideCheck:
 
 
 def _are_beyond(depths: np.ndarray) -> bool:
-    """Return whether digits are beyond the palm: most fingers, or the thumb and rather these.
+    """Return whether digits are beyond the palm's plane: most fingers, or thumb and finger mean.
 
     Parameters
     ----------

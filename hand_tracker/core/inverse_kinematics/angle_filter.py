@@ -332,7 +332,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
 @jit
 def _follow_bend(chains: Chains, digit: int, before: Vector, after: Vector,
                  angles: np.ndarray) -> None:
-    """Turn a digit as its planar marker moves with the bend, before and after the estimate."""
+    """Correct abduction and first flexion for the shift of the planar marker by a new bend."""
     abduction, first = ABDUCTION_JOINTS[digit], FLEXION_JOINTS[digit, 0]
     turn = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
     aim = (flexion_of(math.hypot(after[0], after[1]), after[2])

@@ -421,7 +421,7 @@ def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, w
 @jit
 def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.ndarray,
                           changed: np.ndarray, angles: np.ndarray, step: float) -> None:
-    """Solve digits with several markers whose evidence is that of the last frame, from there.
+    """Solve digits with several markers and unchanged evidence, starting from the last angles.
 
     Parameters
     ----------

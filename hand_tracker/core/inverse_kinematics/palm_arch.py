@@ -298,7 +298,7 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
 @jit
 def _arch_prior(arch: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray,
                 gradient: np.ndarray) -> None:
-    """Add how the metacarpals usually flex to the equations; hold those pulled beyond limits."""
+    """Add the prior of the CMC flexions to the normal equations; fix those at an active limit."""
     first, ring, little = POSE_UNKNOWNS, POSE_UNKNOWNS + 2, POSE_UNKNOWNS + 3
     for finger in (0, 1, 3):
         weight = CMC_SPREADS[finger] ** -2

@@ -283,9 +283,9 @@ def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers
 
 @jit
 def _found_roll(evidence: Evidence, unseen_for: np.ndarray, step: float) -> float:
-    """Return by how much a palm marker that comes back shows that the palm has rolled [m].
+    """Return the palm's roll while a marker was hidden: its distance from the prediction [m].
 
-    It does where it is as far from the others as it was learned to be.
+    Zero where the reappeared marker's distances from the others are not the learned ones.
     """
     seen, sides, variances = evidence.seen, evidence.sides, evidence.side_variances
     roll = 0.0

@@ -239,7 +239,7 @@ def place_capsules(capsules: Capsules, angles: np.ndarray, placement: Placement)
 
 @jit
 def may_touch(capsules: Capsules, ends: np.ndarray, pair: int, gap: float) -> bool:
-    """Return whether a pair may be nearer than a gap, by what its axes leave between midpoints.
+    """Return whether a pair may be closer than a gap: broad-phase test by midpoints and axes.
 
     Parameters
     ----------

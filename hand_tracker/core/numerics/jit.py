@@ -314,7 +314,7 @@ def loaded_or_plain(kernel: Kernel) -> Kernel:
 
 
 def for_types_of(kernel: Kernel, arguments: Sequence[Any]) -> Kernel:
-    """Return a kernel for arguments of exactly these types, whose types no call looks up.
+    """Return a kernel specialised for the arguments' types, called without type dispatch.
 
     Parameters
     ----------

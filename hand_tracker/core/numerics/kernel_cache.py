@@ -10,7 +10,7 @@ GivenFolder: Any = FunctionCache._impl_class._locator_classes[0]
 
 
 class KernelFolder(GivenFolder):
-    """The folder that numba is given, whether or not it can be written to.
+    """Cache locator for numba: always the given folder, writable or not.
 
     Numba itself would then keep kernels beside their source, where changes of other files do not
     make new ones.
@@ -23,13 +23,13 @@ class KernelFolder(GivenFolder):
 
 
 class KernelStorage(FunctionCache._impl_class):
-    """What numba keeps of a kernel, in `KernelFolder` alone."""
+    """Numba's storage of a cached kernel, in `KernelFolder` alone."""
 
     _locator_classes = (KernelFolder,)
 
 
 class KernelCache(FunctionCache):
-    """Cache of one kernel; what it can neither load nor keep is compiled for this process.
+    """Cache of one kernel; if it can be neither loaded nor saved, this process compiles its own.
 
     Parameters
     ----------

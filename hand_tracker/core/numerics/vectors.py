@@ -218,7 +218,7 @@ def clamp(value: float, lower: float, upper: float) -> float:
 
 @jit
 def deviation_within(variance: float, prior: float, lost: float) -> float:
-    """Return the standard deviation by an observation and a prior, part of the observation lost.
+    """Return the posterior standard deviation of an observation and a prior, fading to the prior.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def deviation_within(variance: float, prior: float, lost: float) -> float:
     prior : float
         Standard deviation without one [unit].
     lost : float
-        Share of the observation's information that is lost since [1].
+        Share by which the variance has faded from the posterior to the prior one [1].
     """
     usual = prior * prior
     known = variance * usual / (variance + usual)

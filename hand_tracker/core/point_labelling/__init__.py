@@ -1,10 +1,10 @@
-"""Labelling of points without names, in front of the tracker: which point is which marker.
+"""Labelling of anonymous points, in front of the tracker: assigns points to markers.
 
-In reading order: `prototypes`, `bending` and `natural_poses` (where a hand's markers are, and how
-they spread), `posture` (cost of a labelling by all markers together), `links` (by the distances of
-neighbours on a digit), `palm_search` (hands in a single frame), `clutter` (points of no hand),
-`hand_track` (a hand from frame to frame), `pair_search` (hands with too few palm markers),
-`returns` (markers that reappear), `point_costs` (each point as each marker), `rivals` (when another
-labelling is taken), `following` (data association of points over frames), `side_evidence` (whether
-it is rather a hand of the other side), `cloud_labeller` (all of it, for one or two hands).
+In reading order: `prototypes`, `bending` and `natural_poses` (joint distribution of a hand's
+markers), `posture` (cost of a labelling by that distribution), `links` (by distances of
+neighbouring markers on a digit), `palm_search` (hands in a single frame), `clutter` (points of no
+hand), `hand_track` (state and prediction of a followed hand), `pair_search` (hands with two palm
+markers seen), `returns` (markers that reappear after occlusion), `point_costs` (each point as each
+marker), `rivals` (competing labellings), `following` (data association over frames),
+`side_evidence` (right or left hand), `cloud_labeller` (all of it, for one or two hands).
 """

@@ -6,20 +6,20 @@ from ..model.hand import DIGITS
 from ..numerics.vectors import unit_vectors
 
 BEND_SHARES = np.linspace(-1., 1., 5)
-# By which a finger bends each way at its base and at each joint further out, and a thumb, which
-# also goes sideways; ours.
+# Largest flexion, either way, at a digit's first joint and at each further one: of fingers, and of
+# the thumb, which also abducts by as much; ours.
 FINGER_BEND = .9, .8        # [rad]
 THUMB_BEND = .5, .5         # [rad]
 LONGEST_BONE = .07          # [m] from a digit's first joint to its first marker, at most; ours
 
 
 def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
-    """Return the second moments of the markers' moves as each digit bends for itself.
+    """Return the second moments of marker displacements as each digit bends independently.
 
-    Fingers turn about the axis across the palm, at their first joint and at each of their markers
-    but the last; thumbs about both axes across them. The first joint is taken to be at the nearest
-    marker of the palm, or on the way there. Which side of a palm is its back is not known: bends
-    go both ways.
+    Fingers flex about the axis across the palm, at their first joint and at each marker but the
+    last; thumbs about both axes across them. The first joint is assumed at the nearest palm marker,
+    or `LONGEST_BONE` on the way there. The dorsal side of the palm is not known: digits bend both
+    ways.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
     along = template[fingers].mean(axis=0) - palm.mean(axis=0) if fingers.any() else None
     for number in sorted(set(digit[digit >= 0])):
         knuckle, mine = outward_markers(template, digit, number)
-        # Palms may have their markers far behind the knuckles.
+        # Palm markers may be far behind the knuckles.
         back = template[knuckle] - template[mine[0]]
         gap = np.linalg.norm(template[mine] - template[knuckle], axis=1).min()
         base = template[mine[0]] + min(1., LONGEST_BONE / gap) * back
@@ -60,7 +60,7 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
 
 
 def outward_markers(template: np.ndarray, digit: np.ndarray, number: int) -> tuple[int, np.ndarray]:
-    """Return the marker of the palm next to a digit's, and the digit's markers outwards.
+    """Return the palm marker nearest to a digit, and the digit's markers from proximal to distal.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ def outward_markers(template: np.ndarray, digit: np.ndarray, number: int) -> tup
 
 
 def _bent(chain: np.ndarray, axis: np.ndarray, first: float, other: float) -> np.ndarray:
-    """Return a chain of places turned about an axis by `first` at its base, `other` further out.
+    """Return a chain of points bent about an axis: by `first` at its base, `other` further out.
 
-    `chain` and what is returned are (n, 3) [m]; angles are in [rad].
+    `chain` and the result are (n, 3) [m]; angles are in [rad].
     """
     places = chain.copy()
     for i in range(1, len(chain)):

@@ -1,6 +1,6 @@
-"""Labels for points without names: which point is which marker of which hand.
+"""Labeller of anonymous points: assigns them to the markers of one or two hands.
 
-`CloudLabeller` owns the state: one or two hands that are searched, found and followed.
+`CloudLabeller` owns the state: hands that are searched, confirmed and followed.
 """
 
 import sys
@@ -35,19 +35,20 @@ from .posture import count_seen
 from .prototypes import HandPrototype, Prototype
 from .side_evidence import OTHER_SIDE_LEAD, SideEvidence
 
-FARTHEST_POINT = 1e3         # [m] on each axis; those beyond are left out
-LONGEST_PAUSE = .25          # [s] after which nothing is followed
-# Of a hand that is found, relative to the typical one, and of one by a pair of palm markers; ours.
+FARTHEST_POINT = 1e3         # [m] on each axis; points beyond are left out
+LONGEST_PAUSE = .25          # [s] gap between frames after which all tracks are dropped
+# Gate on a found hand's Mahalanobis distance, relative to the typical: with three palm markers
+# seen, and with fewer; ours.
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
-# By which the mirrored hand must not fit better than one just found, and a followed one; ours.
+# Cost lead of the mirrored hand above which a hand just found, or followed, is rejected; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
-# Markers of a hand whose side is checked while it is followed, and with points of no hand; ours.
+# Most markers of a hand whose side is checked while it is followed, and with free points; ours.
 MOST_CHECKED = 12
-# By which two hands found together must cost less than those found one by one; from how far apart
-# they are not mistaken for each other [m]; ours.
+# Cost lead by which hands of a joint search replace the present ones; distance of the palms above
+# which there is no joint search [m]; ours.
 TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
-REVIEW_PERIOD = .25         # [s] between two such searches; ours
-FOREIGN_COST = 12.          # of a point that only the hand of the other side has; ours
+REVIEW_PERIOD = .25         # [s] between two joint searches; ours
+FOREIGN_COST = 12.          # of each point that only the mirrored hand has; ours
 UNTIMED_STEP = 1. / 120.     # [s]
 
 
@@ -58,15 +59,15 @@ class LabellerOptions:
     Parameters
     ----------
     patience : float
-        Time after which a label that the others contradict is given up, and a hand that is not
-        seen is lost [s].
+        Time after which a hand with an implausible posture, or hardly seen, is lost [s]; a label
+        that the other markers contradict is dropped after half of it.
     """
 
     patience: float = .2
 
 
 class CloudLabels(NamedTuple):
-    """Labels of a frame.
+    """Labels of a frame, for each hand.
 
     Attributes
     ----------
@@ -76,9 +77,9 @@ class CloudLabels(NamedTuple):
     places : tuple of ndarray, shape (M, 3)
         For each hand where its markers are; not numbers where one is hidden [m].
     found : tuple of bool
-        Whether each hand is followed.
+        Whether each hand is confirmed and followed.
     other_side : tuple of bool
-        Whether the points are rather those of a hand of the other side.
+        Whether the points fit the mirrored hand better: one of the other side.
     """
 
     rows: tuple[np.ndarray, ...]
@@ -88,12 +89,12 @@ class CloudLabels(NamedTuple):
 
 
 def _with_hidden(points: ArrayLike) -> np.ndarray:
-    """Return points (n, 3) as an array of their own, and after them the place of hidden markers.
+    """Return a copy of points (n, 3) with a row of NaN behind: row -1, of hidden markers.
 
     Raises
     ------
     ValueError
-        If the shape is another.
+        If the shape is not (n, 3).
     """
     given = np.asarray(points, dtype=float)
     if given.size == 0:
@@ -106,7 +107,7 @@ def _with_hidden(points: ArrayLike) -> np.ndarray:
 
 
 class _Hand:
-    """State of one hand: its prototype, track, and what its search has found."""
+    """State of one hand: prototype, track, and progress of its search."""
 
     def __init__(self, prototype: HandPrototype, first_marker: int) -> None:
         self.prototype = prototype
@@ -115,7 +116,7 @@ class _Hand:
         self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
         self.side = SideEvidence(self.statistics, self.mirrored)
-        self.by_pairs = False   # whether the search is by pairs of palm markers, not by three
+        self.by_pairs = False   # search by pairs of palm markers, not triangles
         self.lose()
 
     def lose(self) -> None:
@@ -127,9 +128,9 @@ class _Hand:
 
 def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
                    budget: int, found: Finding, by_pairs: bool) -> int:
-    """Search a hand from a point on, within a budget, by three or by two markers of its palm.
+    """Search a hand by triangles or pairs of palm markers, from point `first` on, within a budget.
 
-    `found` is replaced by what is better; returned is how many first corners were tried.
+    A cheaper labelling replaces `found`; returns the number of first corners tried.
     """
     candidates = blank_candidates()
     search, label = (search_pairs, label_pairs) if by_pairs else (search_palms, label_candidates)
@@ -140,7 +141,7 @@ def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, f
 
 def _labelled_as(prototype: Prototype, track: HandTrack, points: np.ndarray, by_pairs: bool,
                  free: np.ndarray | None) -> Finding:
-    """Return the hand of a prototype in the points of a track, and in those that are free, (n,)."""
+    """Label the points of a track, and the free ones, (n,), anew by a prototype."""
     rows = track.finding.rows
     own = np.zeros(len(points), dtype=bool) if free is None else free.copy()
     own[rows[rows >= 0]] = True
@@ -150,28 +151,28 @@ def _labelled_as(prototype: Prototype, track: HandTrack, points: np.ndarray, by_
 
 
 def _is_typical(prototype: Prototype, finding: Finding) -> bool:
-    """Return whether a hand that was found is like those that were learned."""
+    """Return whether a found hand's Mahalanobis distance is within the gate of a typical hand."""
     limit = ACCEPTED_DISTANCE if palm_is_seen(prototype, finding.rows) else PAIR_DISTANCE
     return bool(finding.distance[0] <= limit * max(prototype.typical, 1.))
 
 
 def _count_common(finding: Finding, rows: np.ndarray) -> int:
-    """Return how many of some points a hand has."""
+    """Return how many of the points `rows` are labelled as a hand's."""
     return int(np.isin(finding.rows[finding.rows >= 0], rows).sum())
 
 
 def _near(points: np.ndarray, finding: Finding) -> np.ndarray:
-    """Return which points, (n, 3) [m], are so near a palm that they may be of its hand, (n,)."""
+    """Return which points, (n, 3) [m], are within `CLUTTER_RANGE` of a hand's palm, (n,)."""
     return np.abs(points - finding.position).max(axis=1) < CLUTTER_RANGE
 
 
 class CloudLabeller:
-    """Label points that have no names, or names that change.
+    """Label anonymous points, or points with changing ids, frame by frame.
 
     Parameters
     ----------
     prototypes : sequence of HandPrototype
-        Of the hands to find, each once.
+        One for each hand to find.
     options : LabellerOptions, optional
 
     Examples
@@ -193,7 +194,7 @@ class CloudLabeller:
         self._clutter = no_clutter(count)
         self._last = no_points()
         self._last_step = UNTIMED_STEP
-        self._unreviewed_for = 0.   # [s] since hands were last searched together
+        self._unreviewed_for = 0.   # [s] since the last joint search
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -202,7 +203,7 @@ class CloudLabeller:
         return tuple(hand.prototype for hand in self._hands)
 
     def reset(self) -> None:
-        """Drop all hands."""
+        """Drop all tracks, and the evidence on the hands' sides."""
         self._time = None
         for hand in self._hands:
             hand.lose()
@@ -219,7 +220,7 @@ class CloudLabeller:
         time : float, optional
             Of the frame; when left out frames are taken as evenly spaced at 120 Hz [s].
         ids : array_like of int, shape (n,), optional
-            By which the source distinguishes points, as a hint; negative where it does not.
+            Point ids of the source, used as a hint; negative for none.
 
         Returns
         -------
@@ -228,7 +229,7 @@ class CloudLabeller:
         Raises
         ------
         ValueError
-            If a shape is another.
+            If a shape is not as above.
         """
         all_points = _with_hidden(points)
         cloud = all_points[:-1]
@@ -236,7 +237,7 @@ class CloudLabeller:
         if names.shape != (len(cloud),):
             raise ValueError(f'ids: shape {names.shape}; expected {(len(cloud),)}')
         kept = None
-        if not np.vdot(cloud, cloud) < FARTHEST_POINT ** 2:  # nor not a number
+        if not np.vdot(cloud, cloud) < FARTHEST_POINT ** 2:  # False for NaN
             kept = np.flatnonzero(np.abs(cloud).max(axis=1) < FARTHEST_POINT)
             cloud, names = cloud[kept], names[kept]
         frame = new_cloud(cloud, names)
@@ -257,7 +258,7 @@ class CloudLabeller:
                            tuple(hand.side.is_other_side for hand in self._hands))
 
     def _step(self, time: float | None) -> float:
-        """Return the time since the last frame; lose all where it is no step."""
+        """Return the time since the last frame; drop all tracks after a pause or a jump back."""
         if time is None:
             return UNTIMED_STEP
         step = UNTIMED_STEP if self._time is None else float(time) - self._time
@@ -266,10 +267,10 @@ class CloudLabeller:
             for hand in self._hands:
                 hand.lose()
             return UNTIMED_STEP
-        return step or UNTIMED_STEP  # stamps that stand still give no step
+        return step or UNTIMED_STEP  # repeated stamps give no step
 
     def _follow(self, frame: Cloud, step: float) -> None:
-        """Follow points and the found hands into a frame."""
+        """Follow clutter and hands into a frame; drop hands that are lost or of the other side."""
         if len(frame.points) > len(self._clutter.used):
             self._clutter = with_slots(self._clutter, 2 * len(frame.points))
         hands = [hand for hand in self._hands if hand.track is not None]
@@ -282,7 +283,7 @@ class CloudLabeller:
             tuple(hand.statistics for hand in hands), tracks, self._clutter, self._last, frame,
             np.array([hand.first_marker for hand in hands]), (self._last_step, step),
             float(self.options.patience), lost)
-        # The types differ by the number of hands alone.
+        # The argument types depend on the number of hands alone.
         which = kernel(follow_cloud), len(hands)
         if which not in self._follow_cloud:
             self._follow_cloud[which] = for_types_of(which[0], arguments)
@@ -293,14 +294,13 @@ class CloudLabeller:
 
     def _is_of_other_side(self, hand: _Hand, track: HandTrack, frame: Cloud,
                           step: float) -> bool:
-        """Return whether a followed hand is by its points of the other side.
+        """Return whether a followed hand's points fit the mirrored hand: it is of the other side.
 
-        That is checked now and then, when a cut has been overcome, and where its posture is long
-        unlikely.
+        Checked once in `SIDE_PERIOD`, once a cut is overcome, and while its posture stays unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
-        # A search with many markers takes longer than a frame, and finds the side at once.
+        # With many markers a search takes longer than a frame, and shows the side at once.
         is_due = hand.count <= MOST_CHECKED and hand.side.is_due()
         if not hand.confirmed or not (in_doubt or is_due):
             return False
@@ -314,13 +314,13 @@ class CloudLabeller:
         return hand.side.is_other_side
 
     def _search(self, frame: Cloud) -> None:
-        """Search the hands that are not found, as far as a frame has time for it."""
+        """Search the unconfirmed hands, within the budget of a frame."""
         missing = [hand for hand in self._hands if not hand.confirmed]
         points = frame.points
         if not missing or len(points) < 3:
             return
         for hand in missing:
-            # All but the points of hands that are confirmed: others may be mistaken for this one.
+            # All but points of confirmed hands: an unconfirmed one may have this hand's points.
             own = np.ones(len(points), dtype=bool)
             for other in self._hands:
                 if other is not hand and other.track is not None and other.confirmed:
@@ -337,7 +337,7 @@ class CloudLabeller:
             if hand.searched >= len(points):
                 hand.searched = 0
                 self._settle(hand, frame)
-                # Pairs next, where no three markers of the palm have placed it.
+                # By triangles and by pairs of palm markers in turn, until it is confirmed.
                 hand.by_pairs = not (hand.confirmed or hand.by_pairs)
         for hand in missing:
             if hand.track is not None:
@@ -345,7 +345,7 @@ class CloudLabeller:
                 frame.free[rows[rows >= 0]] = False
 
     def _settle(self, hand: _Hand, frame: Cloud) -> None:
-        """Confirm what a whole search has found, or drop it."""
+        """Confirm the hand that a complete search has found, or drop it."""
         if hand.track is None:
             return
         finding = hand.track.finding
@@ -353,7 +353,7 @@ class CloudLabeller:
                   and other.track is not None
                   and np.isin(other.track.finding.rows, finding.rows[finding.rows >= 0]).any()]
         if rivals:
-            self._unreviewed_for = np.inf   # who comes first may take points of the other
+            self._unreviewed_for = np.inf   # the first found may have points of the other
         believable = self._is_believable(hand, frame)
         if not believable or any(
                 other.confirmed or (other.track is not None
@@ -367,7 +367,7 @@ class CloudLabeller:
             other.lose()
 
     def _is_believable(self, hand: _Hand, frame: Cloud) -> bool:
-        """Return whether what a search has found is like a hand, and one of its side."""
+        """Return whether a found hand has a plausible posture, and fits its own side better."""
         assert hand.track is not None
         finding = hand.track.finding
         if not _is_typical(hand.statistics, finding):
@@ -376,14 +376,14 @@ class CloudLabeller:
         lead, found = self._mirrored_lead(hand, frame.points, not whole)
         if hand.side.is_due():
             self._note_side(hand, frame, lead, found)
-        # Two markers of the palm leave its side to the digits: these must decide it.
+        # Two palm markers do not show the side: the digits must favour it clearly.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
                 and not hand.side.is_other_side)
 
     def _review_together(self, frame: Cloud) -> None:
-        """Take hands that are found together for those found one by one, where they cost far less.
+        """Search all hands jointly; replace the present ones if the joint result costs far less.
 
-        Who comes first may have taken points of the other.
+        Of hands found one by one, the first may have points of the other.
         """
         if len(self._hands) < 2 or self._unreviewed_for < REVIEW_PERIOD:
             return
@@ -397,7 +397,7 @@ class CloudLabeller:
         points = frame.points
         near = np.any([_near(points, finding) for finding, _ in present], axis=0)
         found = self._found_together(points, near, SEARCH_BUDGET)
-        # The more postures have shown each hand's side, the less is a single one believed.
+        # The stronger the evidence on the sides, the harder the present hands are to replace.
         least = sum(finding.cost[0] + min(lead + OTHER_SIDE_LEAD, 0.) for finding, lead in present)
         if found is None or not (
                 sum(min(one.cost[0], 0.) for one in found) < least - TOGETHER_MARGIN):
@@ -411,9 +411,9 @@ class CloudLabeller:
                 frame.free[one.rows[one.rows >= 0]] = False
 
     def _note_side(self, hand: _Hand, frame: Cloud, lead: float, found: Finding) -> None:
-        """Note of a hand whether its points fit one of the other side better.
+        """Add to a hand's side evidence the cost lead of the mirrored hand on its points.
 
-        That may have points near it which this one has left out, but most must be the same.
+        The mirrored hand may take free points nearby, but must share more than half of the points.
 
         Parameters
         ----------
@@ -433,7 +433,7 @@ class CloudLabeller:
             if 2 * _count_common(wider, mine) > len(mine) and other > lead:
                 lead, found = other, wider
         if lead > 0.:
-            # Labels that are wrong say little of the side: the best are compared.
+            # Wrong labels say little of the side: compare with the hand labelled anew.
             anew = _labelled_as(hand.statistics, hand.track, frame.points, by_pairs, free)
             if 2 * _count_common(anew, mine) > len(mine):
                 lead -= max(hand.track.finding.cost[0] - anew.cost[0], 0.)
@@ -441,16 +441,16 @@ class CloudLabeller:
 
     def _mirrored_lead(self, hand: _Hand, points: np.ndarray, by_pairs: bool,
                        free: np.ndarray | None = None) -> tuple[float, Finding]:
-        """Return by how much a found hand's points cost less as a hand of the other side, and that.
+        """Return the cost lead of the mirrored hand on a found hand's points, and its labelling.
 
-        It may have points that are `free`, too.
+        The mirrored hand may take `free` points, too.
         """
         assert hand.track is not None
         found = _labelled_as(hand.mirrored, hand.track, points, by_pairs, free)
         return float(hand.track.finding.cost[0] - found.cost[0]), found
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
-        """Label the points of a single frame, without history and in as long as it takes.
+        """Label the points of a single frame, without history and without a search budget.
 
         Parameters
         ----------
@@ -472,16 +472,16 @@ class CloudLabeller:
 
     def _found_together(self, points: np.ndarray, free: np.ndarray,
                         budget: int) -> list[Finding] | None:
-        """Return all hands in a single frame, at the lowest cost of all; None beyond a budget.
+        """Search all hands jointly in a frame, at the least total cost; None beyond a budget.
 
-        A hand that is not found is blank.
+        A hand that is not found is a `blank_finding`.
         """
         best: list[Finding] = []
         least = np.inf
         for order in permutations(range(len(self._hands))):
             left = free.copy()
             found = [blank_finding(hand.count) for hand in self._hands]
-            # Pairs where no three markers of the palm have placed it, by the points that are left.
+            # Pairs of palm markers where triangles found no hand, among the points left.
             for by_pairs in (False, True):
                 for i in order:
                     if found[i].cost[0] < np.inf:
@@ -500,7 +500,7 @@ class CloudLabeller:
 
 
 def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...]], ...]:
-    """Return each kernel of a labeller with arguments like those of its calls.
+    """Return each kernel of a labeller with sample arguments, to compile or load it.
 
     `follow_cloud` has those of one hand and of two.
     """

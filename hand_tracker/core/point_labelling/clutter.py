@@ -1,4 +1,4 @@
-"""Unassigned points from frame to frame: where they go on, and how they came."""
+"""Clutter: points of no hand, followed from frame to frame, and the history of their paths."""
 
 import math
 from typing import NamedTuple
@@ -9,39 +9,39 @@ from ..numerics.jit import labelling_jit
 from .posture import SEEN_COST
 
 UNFORESEEN = 25.            # [m/s²] standard deviation of a point's acceleration; ours
-FIRST_DEVIATION = .01       # [m] in the first frames; ours
-# Points of no hand go on as they moved: deviation of a predicted one, and of the speed of one that
-# has just come; cost of taking one for a marker after it has been there for a time; ours.
+FIRST_DEVIATION = .01       # [m] of the first predictions, and at most by acceleration; ours
+# Clutter moves at constant velocity: standard deviation of its prediction, and of the speed of a
+# new point; cost of labelling a clutter point, reached at CLUTTER_AGE; ours.
 CLUTTER_DEVIATION = .002    # [m]
 CLUTTER_SPEED = .5          # [m/s]
 CLUTTER_COST = 16.
 CLUTTER_AGE = .08           # [s]
-STRETCH = .04               # [s] of its path by which a point is judged at a time; ours
+STRETCH = .04               # [s] length of a stretch: a path is judged stretch by stretch; ours
 
 
 class PointHistory(NamedTuple):
-    """Paths of points, by slot, and evidence for each of the M markers of all hands.
+    """Path history of points, by slot, and their costs as each of the M markers of all hands.
 
     Attributes
     ----------
     age : ndarray, shape (S,)
-        Time since each came [s].
+        Time since the point appeared [s].
     stretch : ndarray, shape (S,)
-        Time since the present stretch of its path began [s].
+        Age of the current stretch, a path segment of `STRETCH` [s].
     came : ndarray, shape (S, 3)
-        Where the stretch began [m].
+        Start of the current stretch [m].
     pace : ndarray, shape (S, 3)
-        Velocity in the stretch before; not a number in the first [m/s].
+        Mean velocity over the previous stretch, NaN in the first [m/s].
     cost : ndarray, shape (S, M)
-        Of each as each marker when it came; infinite where the marker was not hidden.
+        Cost as each marker when the point appeared; infinite where the marker was not hidden.
     motion : ndarray, shape (S, M)
-        What earlier stretches change in that.
+        Motion term of that cost, from earlier stretches.
     offset : ndarray, shape (S, M, 3)
-        From where the marker was expected, in its palm's frame, when the stretch began [m].
+        Offset from the marker's expected place at the start of the stretch, palm's frame [m].
     shift : ndarray, shape (S, M, 3)
-        By how much that changed in the stretch before [m].
+        Change of the offset over the previous stretch [m].
     taken : ndarray of bool, shape (S,)
-        Whether a hand has it.
+        Whether the point is assigned to a hand.
     """
 
     age: np.ndarray
@@ -56,14 +56,14 @@ class PointHistory(NamedTuple):
 
 
 class Clutter(NamedTuple):
-    """Points of the present frame, in slots that those keep that no hand has.
+    """Points of the present frame, by slot; a point of no hand keeps its slot over frames.
 
     Attributes
     ----------
     used : ndarray of bool, shape (S,)
         Whether there is a point in a slot.
     place, speed : ndarray, shape (S, 3)
-        Of those that no hand had in the frames before, where they were last [m, m/s].
+        Last position and velocity of the points of no hand in earlier frames [m, m/s].
     history : PointHistory
     """
 
@@ -74,20 +74,20 @@ class Clutter(NamedTuple):
 
 
 class Cloud(NamedTuple):
-    """Points of a frame.
+    """Points of a frame, with their state as clutter.
 
     Attributes
     ----------
     points : ndarray, shape (n, 3)
         [m]
     ids : ndarray of int, shape (n,)
-        By which the source distinguishes them; negative where it does not.
+        Point ids of the source; negative for none.
     free : ndarray of bool, shape (n,)
-        Points that no hand has.
+        Points not assigned to a hand.
     slots : ndarray of int, shape (n,)
         Slot of each in `Clutter`.
     cost : ndarray, shape (n,)
-        Of taking it for a marker, relative to `CLUTTER_DENSITY`; `-inf` where it has just come.
+        Cost of labelling it, as it was clutter before; `-inf` for a new point.
     """
 
     points: np.ndarray
@@ -98,7 +98,7 @@ class Cloud(NamedTuple):
 
 
 def no_clutter(markers: int, slots: int = 64) -> Clutter:
-    """Return no points, for hands with so many markers together, and slots for so many points."""
+    """Return an empty `Clutter` for the number of markers of all hands, with a number of slots."""
     return Clutter(
         np.zeros(slots, dtype=bool), np.zeros((slots, 3)), np.zeros((slots, 3)), PointHistory(
             np.zeros(slots), np.zeros(slots), np.zeros((slots, 3)), np.zeros((slots, 3)),
@@ -108,7 +108,7 @@ def no_clutter(markers: int, slots: int = 64) -> Clutter:
 
 
 def with_slots(clutter: Clutter, slots: int) -> Clutter:
-    """Return the same points with more slots."""
+    """Return a copy of the clutter with more slots."""
     more = no_clutter(clutter.history.cost.shape[1], slots)
     for part, wider in zip((*clutter[:3], *clutter.history), (*more[:3], *more.history)):
         wider[:len(part)] = part
@@ -123,14 +123,14 @@ def new_cloud(points: np.ndarray, ids: np.ndarray) -> Cloud:
 
 
 def no_points() -> Cloud:
-    """Return the frame before the first one."""
+    """Return an empty `Cloud`: the frame before the first."""
     return new_cloud(np.empty((0, 3)), np.empty(0, dtype=np.int64))
 
 
 @labelling_jit
 def continue_clutter(clutter: Clutter, last: Cloud, last_step: float, cloud: Cloud,
                      step: float) -> None:
-    """Find which points go on from those that no hand had in the last frame.
+    """Match points to the clutter of the last frame: nearest neighbour of each prediction, gated.
 
     Parameters
     ----------
@@ -139,9 +139,9 @@ def continue_clutter(clutter: Clutter, last: Cloud, last_step: float, cloud: Clo
     last : Cloud
         The last frame.
     last_step : float
-        Time from the one before to it [s].
+        Time between the frame before and the last frame [s].
     cloud : Cloud
-        This frame; all is replaced but points and ids: the points are free.
+        This frame; `free` (all True), `slots` and `cost` are replaced.
     step : float
         Time since the last frame [s].
     """
@@ -190,7 +190,7 @@ def continue_clutter(clutter: Clutter, last: Cloud, last_step: float, cloud: Clo
 
 @labelling_jit
 def _begin_history(history: PointHistory, slot: int, point: np.ndarray) -> None:
-    """Begin the path of a point, shape (3,) [m], that has just come."""
+    """Begin the history of a new point, shape (3,) [m]."""
     history.age[slot] = history.stretch[slot] = 0.
     history.taken[slot] = False
     for k in range(3):
@@ -201,7 +201,7 @@ def _begin_history(history: PointHistory, slot: int, point: np.ndarray) -> None:
 
 @labelling_jit
 def _remember_clutter(clutter: Clutter, last: Cloud, step: float) -> None:
-    """Keep of a frame's points those that no hand got, with their places and speeds.
+    """Store position and velocity of a frame's unassigned points; release the slots of the others.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""A labelled hand followed from frame to frame in a cloud of points.
+"""Data association of a followed hand in a cloud of points: predict, assign, correct.
 
-Its palm goes on with its speed and turn, its digits with theirs in the palm. Points near the
-predicted places keep the labels; hidden markers are expected where the seen ones leave them.
+The palm is predicted at constant velocity, the digits' markers likewise in its frame. Points are
+assigned to predicted markers at least cost; hidden markers move with their conditional mean given
+the seen ones.
 """
 
 import math
@@ -45,31 +46,31 @@ from .prototypes import Prototype
 from .returns import PalmPoints, begin_return, best_return, give_up, note_arrivals, present_cost
 from .rivals import note_cut, review_labels
 
-LEAST_POINT_DEVIATION = .0015     # [m] of a seen marker from its prediction; ours
-GREATEST_DEVIATION = .012   # [m] ours
-DEVIATION_GAIN = .05        # at which the deviation follows what predictions err less
-CONTRADICTION = 60.         # squared deviations of a marker from where the others expect it; ours
-MEETING_COST = 12.          # below which two labels may as well be exchanged; ours
-# Evidence for an exchange of two markers' points that a frame adds at most, and above which they
-# are exchanged; how much more where labels were the best for long, and what is long; ours.
+LEAST_POINT_DEVIATION = .0015     # [m] prediction error of a seen marker, at least; ours
+GREATEST_DEVIATION = .012   # [m] the same, at most; ours
+DEVIATION_GAIN = .05        # [1] filter gain of a prediction error that falls
+CONTRADICTION = 60.         # gate: squared Mahalanobis distance given the other markers; ours
+MEETING_COST = 12.          # cost of an exchange below which two labels are ambiguous; ours
+# Evidence for the exchange of two labels: the most that a frame adds, and the threshold; addition
+# to it by trust, and the trust that rules out an exchange; ours.
 CROSSING_GAIN, CROSSING_MARGIN = 10., 26.
 TRUSTED_CROSSING, CROSSING_TRUST = 60., .5    # [variances, s]
-JUDGED_TIME = .5            # [s] for which a marker that came back is judged by its motion; ours
-RETURN_DOUBT = 12.          # cost above which it is hidden again; ours
-RETURN_LEAD = 4.            # by which another point must cost less to be taken for it; ours
-CLUTTER_TIME = 1.           # [s] over which points that come are counted
-SPEED_GAIN = .6             # at which speed and turn of the palm follow
+JUDGED_TIME = .5            # [s] for which a reappeared marker is judged by its motion; ours
+RETURN_DOUBT = 12.          # cost above which it is hidden again: its return is undone; ours
+RETURN_LEAD = 4.            # cost lead of another point at which its return is undone; ours
+CLUTTER_TIME = 1.           # [s] time constant of the rate of new points
+SPEED_GAIN = .6             # [1] filter gain of the palm's linear and angular velocity
 WEAK_SPEED_GAIN = .25       # the same while a marker of the palm is hidden
-DRIFT_GAIN = .4             # at which the speed of a digit's marker in the palm follows
-DRIFT_TIME = .04            # [s] in which a hidden marker's speed fades
-RELAXATION_TIME = 1.        # [s] in which hidden markers go to where the seen ones expect them
-WEAK, WEAKER = .1, .05    # weights of digits' and hidden palm markers where the palm is hidden
+DRIFT_GAIN = .4             # [1] filter gain of a marker's velocity in the palm's frame
+DRIFT_TIME = .04            # [s] time constant with which a hidden marker's velocity fades
+RELAXATION_TIME = 1.        # [s] in which hidden markers relax to their conditional mean
+WEAK, WEAKER = .1, .05    # fit weights of digit and hidden palm markers under occlusion
 
 
 @labelling_jit
 def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
                   rows: np.ndarray) -> None:
-    """Place the palm by the points of its markers, and by the others where these are hidden."""
+    """Fit the palm to its seen markers; with fewer than three, to all markers by weight."""
     count = len(rows)
     seen = count_seen_palm(prototype, rows)
     weights, there = np.zeros(count), np.empty((count, 3))
@@ -93,17 +94,17 @@ def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
 @labelling_jit
 def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
                 step: float) -> None:
-    """Turn a palm with hidden markers by the moves of all its markers together.
+    """Correct the pose of an occluded palm by the joint distribution of all markers.
 
-    Digits that bend and a palm that turns look alike to those two of its markers that are seen;
-    the joint distribution of all distinguishes them. Hidden markers of the palm keep their distance
-    from where it places them, less and less, as long as the same markers are seen.
+    With two palm markers seen, digits that bend and a palm that turns look alike; the joint
+    distribution of all markers distinguishes them. Hidden palm markers keep their offset from where
+    it places them, fading, as long as the same markers are seen.
 
     Parameters
     ----------
     prototype : Prototype
     track : HandTrack
-        Its palm is placed by `place_palm_by`; replaced.
+        Its palm is placed by `place_palm_by`; updated.
     points : ndarray, shape (n, 3)
         [m]
     rows : ndarray of int, shape (M,)
@@ -154,7 +155,7 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
 
 @labelling_jit
 def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bool:
-    """Return whether other markers of the palm are seen than in the last frame."""
+    """Return whether the set of seen palm markers has changed since the last frame."""
     changed = False
     for i in range(len(rows)):
         changed = changed or (prototype.rigid[i] > 0.
@@ -164,7 +165,7 @@ def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bo
 
 @labelling_jit
 def _same_are_seen(track: HandTrack, rows: np.ndarray) -> bool:
-    """Return whether the same markers are seen as in the last frame."""
+    """Return whether the set of seen markers is that of the last frame."""
     same = True
     for i in range(len(rows)):
         same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
@@ -174,7 +175,7 @@ def _same_are_seen(track: HandTrack, rows: np.ndarray) -> bool:
 @labelling_jit
 def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows: np.ndarray,
                  last: np.ndarray, step: float) -> None:
-    """Update a hand by the points that its markers got.
+    """Correct a hand's track by the points assigned to its markers.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
     track : HandTrack
         Predicted; its palm is placed by `place_palm_by`.
     seen : PalmPoints
-        Updated: placed in the palm, and the history of those that are given up.
+        Updated: points in the palm's frame, and the history of points whose return is undone.
     rows : ndarray of int, shape (M,)
         Point of each marker, -1 for none.
     last : ndarray, shape (4, 3)
@@ -191,14 +192,14 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
         Time since then [s].
     """
     finding, count = track.finding, len(rows)
-    # Where a palm that was roughly placed comes back, it has not moved there.
+    # The jump of a roughly placed palm that is seen again is no motion.
     replaced = palm_changes(prototype, track, rows)
     if step > 0. and not replaced:
         _follow_motion(prototype, track, rows, last, step)
     local = seen.local
     to_palm_frame(seen.cloud.points, finding.rotation, finding.position, finding.size[0], local)
     if replaced:
-        # What was predicted stays where it was.
+        # Predicted markers keep their places in the frame of the points.
         to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0],
                       track.local)
     note_arrivals(prototype, track, seen)
@@ -228,7 +229,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
         if given_up[i] and track.returns.age[i] < math.inf:
             give_up(track, i, seen, rows[i])
     _exchange_by_links(prototype, track, seen, matrix, gradient, distance, count - hidden)
-    # A rare pose is still a hand's while it costs less than points of no hand.
+    # A rare pose still counts as a hand's while it costs less than clutter.
     astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
               and finding.cost[0] > 0.
               or count - hidden < max(3., LEAST_FOLLOWED * count))
@@ -240,9 +241,9 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
 def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
                        matrix: np.ndarray, gradient: np.ndarray, distance: float,
                        judged: int) -> None:
-    """Exchange the points of digits' markers whose links and posture say so for long enough.
+    """Exchange two digit labels once their links and the posture have favoured it long enough.
 
-    A frame in which a marker was given up is no evidence: the posture is still that with it.
+    A frame in which a return was undone is no evidence: `distance` still includes that marker.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
     distance : float
         Squared Mahalanobis distance of the markers that were seen.
     judged : int
-        Their number, with those given up since.
+        Their number, including undone returns.
     """
     finding = track.finding
     rows = finding.rows
@@ -266,7 +267,7 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
     for i in range(len(rows)):
         for j in range(i):
             trust = track.trusted_for[i, j] / CROSSING_TRUST
-            # The palm is placed by its markers as they are labelled: they stay.
+            # Palm labels stay: the palm is placed by them.
             if (rows[i] < 0 or rows[j] < 0 or prototype.rigid[i] > 0. or prototype.rigid[j] > 0.
                     or trust >= 1.):
                 track.exchanged[i, j] = 0.
@@ -303,7 +304,7 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
 @labelling_jit
 def _follow_motion(prototype: Prototype, track: HandTrack, rows: np.ndarray, last: np.ndarray,
                    step: float) -> None:
-    """Correct the palm's velocities by its move since the last frame, as of `correct_hand`."""
+    """Filter the palm's linear and angular velocity; parameters are those of `correct_hand`."""
     whole = True
     for i in range(len(rows)):
         whole = whole and (rows[i] >= 0 or prototype.rigid[i] <= 0.)
@@ -318,7 +319,7 @@ def _follow_motion(prototype: Prototype, track: HandTrack, rows: np.ndarray, las
 @labelling_jit
 def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.ndarray,
                   gradient: np.ndarray, same: bool, step: float) -> None:
-    """Carry a hidden marker on with those that are seen.
+    """Move a hidden marker with its conditional mean given the seen ones; write its variance.
 
     Parameters
     ----------
@@ -339,11 +340,11 @@ def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.nda
     for k in range(3):
         expected = prototype.template[i, k] - gradient[3 * i + k]
         before = track.expected[i, k]
-        # It takes part in the moves of the others, and in the end is where they expect it.
+        # It moves with its conditional mean, and relaxes to it.
         if same and before == before:
             track.local[i, k] += expected - before
         track.expected[i, k] = expected
-        spread -= matrix[3 * i + k, 3 * i + k] / 3.  # the negative covariance, swept
+        spread -= matrix[3 * i + k, 3 * i + k] / 3.  # swept: minus the conditional covariance
         track.drift[i, k] *= math.exp(-step / DRIFT_TIME)
         track.local[i, k] += relaxed * (expected - track.local[i, k])
     track.spread[i] = spread
@@ -353,7 +354,7 @@ def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.nda
 @labelling_jit
 def _judge_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints, row: int,
                   matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> bool:
-    """Judge the return of a marker; return whether its point is unlikely to be the marker.
+    """Return whether to undo a marker's return: its point is unlikely, or another likelier.
 
     Parameters are those of `returns.present_cost`.
     """
@@ -368,7 +369,7 @@ def _judge_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoin
 @labelling_jit
 def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replaced: bool,
                     step: float) -> None:
-    """Correct place, speed and error of a seen marker by its point.
+    """Correct position, velocity and prediction error of a seen marker by its point.
 
     Parameters
     ----------
@@ -379,7 +380,7 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
     row : int
         Of its point.
     replaced : bool
-        Whether other markers of the palm are seen than in the last frame.
+        Whether the set of seen palm markers has changed.
     step : float
         Time since then [s].
     """
@@ -419,7 +420,7 @@ def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, floa
 
 @labelling_jit
 def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
-    """Trust no pair of labels that might be exchanged: of markers that meet, or are both hidden."""
+    """Reset the trust in pairs of labels that may be exchanged, of near or hidden markers."""
     for i in range(len(rows)):
         hidden = rows[i] < 0 or track.hidden_for[i] > 0.
         if hidden:
@@ -427,7 +428,7 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
         for j in range(len(rows)):
             if j == i:
                 continue
-            # A point that is taken may be the other's, which may have had another all the while.
+            # The new point of i may be that of j, which may have had a wrong one all the while.
             if hidden:
                 trusted = 0. if rows[j] < 0 or track.hidden_for[j] > 0. else min(
                     track.trusted_for[i, j], track.trusted_for[j, j])
@@ -447,9 +448,9 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 @labelling_jit
 def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
                  was_seen: np.ndarray) -> bool:
-    """Place a hand of which markers vanish by its other points; return whether that was done.
+    """Fit the palm to its new points where digit markers vanish; return whether that was done.
 
-    `rows` and `was_seen`, whether they were seen, have its M markers first.
+    The first M of `rows` and `was_seen` are the hand's markers.
     """
     mine = rows[:len(track.place)]
     if _vanish(was_seen, mine) and not palm_changes(prototype, track, mine):
@@ -461,7 +462,7 @@ def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, row
 
 @labelling_jit
 def _vanish(was_seen: np.ndarray, rows: np.ndarray) -> bool:
-    """Return whether a marker that was seen has no point."""
+    """Return whether a marker seen in the last frame has no point now."""
     vanish = False
     for i in range(len(rows)):
         vanish = vanish or (was_seen[i] and rows[i] < 0)
@@ -471,7 +472,7 @@ def _vanish(was_seen: np.ndarray, rows: np.ndarray) -> bool:
 @labelling_jit
 def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.ndarray,
              rows: np.ndarray, last: np.ndarray, step: float) -> None:
-    """Correct a hand by the points that it got.
+    """Correct a hand by its assigned points: trust in labels, palm, markers, ids.
 
     Parameters
     ----------
@@ -479,7 +480,7 @@ def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.
     track : HandTrack
         Predicted; updated.
     seen : PalmPoints
-        The points that it keeps are free no more.
+        Its points that the hand keeps are no longer free.
     cost : ndarray, shape (H, n)
         Of the markers of all hands, by `match_costs`.
     rows : ndarray of int, shape (H,)
@@ -506,7 +507,7 @@ def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.
 
 @labelling_jit
 def _count_arrivals(track: HandTrack, cloud: Cloud, step: float) -> int:
-    """Update how many points come near a hand that are no hand's; return how many anywhere."""
+    """Update the rate of new clutter near a hand; return the number of new clutter points."""
     coming, come = 0., 0
     for j in range(len(cloud.points)):
         near = cloud.free[j] and cloud.cost[j] == -math.inf
@@ -523,7 +524,7 @@ def _count_arrivals(track: HandTrack, cloud: Cloud, step: float) -> int:
 @labelling_jit
 def _predict(prototype: Prototype, track: HandTrack, first: int, step: float,
              was_seen: np.ndarray, last: np.ndarray) -> float:
-    """Predict a hand; write which markers were seen, and its last palm; return its distance."""
+    """Predict a hand; write last frame's seen markers and palm; return its Mahalanobis distance."""
     for i in range(len(track.hidden_for)):
         was_seen[first + i] = track.hidden_for[i] <= 0.
     last[:3] = track.finding.rotation
@@ -536,7 +537,7 @@ def _predict(prototype: Prototype, track: HandTrack, first: int, step: float,
 def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
                  clutter: Clutter, last: Cloud, cloud: Cloud, firsts: np.ndarray,
                  steps: tuple[float, float], patience: float, lost: np.ndarray) -> None:
-    """Follow hands and other points into the next frame, and review the hands' labels.
+    """Follow hands and clutter into the next frame by data association; review the labels.
 
     Parameters
     ----------
@@ -544,9 +545,9 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     tracks : tuple of HandTrack
     clutter : Clutter
     last, cloud : Cloud
-        The last frame, and this one; free are those that no hand gets.
+        The last frame, and this one; `free` is updated.
     firsts : ndarray of int
-        First of the markers of each hand among those of all hands.
+        Index of each hand's first marker among those of all hands.
     steps : (float, float)
         Time to the last frame from the one before, and to this one [s].
     patience : float
@@ -562,7 +563,7 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     rows, cost = np.full(total, -1), np.full((total, len(points)), math.inf)
     local = np.empty((len(points), 3))
     for turn in range(2):
-        # One loop for each step: every look at a track in the tuple costs.
+        # One loop for each step: each access to a track in the tuple costs.
         for hand in range(hands):
             prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
             if turn == 0:
@@ -571,7 +572,7 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
         assign_rows(cost, 0., rows)
         if turn > 0 or not _vanish(was_seen, rows):
             break
-        # A fast turn moves digits far: they are matched once more from where the palm is now.
+        # A fast turn moves digits far: match them once more, from the palm fitted anew.
         again = False
         for hand in range(hands):
             placed = _match_again(prototypes[hand], tracks[hand], points, rows[firsts[hand]:],

@@ -1,4 +1,4 @@
-"""Track of one labelled hand: its state, and where its markers are a time step ahead."""
+"""Track of one labelled hand: its state, and the prediction of its markers."""
 
 import math
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from .palm_search import Finding, to_palm_frame
 from .posture import CLUTTER_DENSITY, hidden_places, reset_matrix
 from .prototypes import Prototype
 
-# Of the place of a marker that is hidden for t [s]: deviation sqrt(t) [m], with the tails of
-# Student's distribution, as fingers rest for long and then move at once; ours.
+# An occluded marker's place has a standard deviation of HIDDEN_DEVIATION sqrt(t) [m] after t [s],
+# with the tails of Student's distribution, as fingers rest for long and then move at once; ours.
 HIDDEN_DEVIATION = .014
-HIDDEN_PALM_DEVIATION = .009    # the same of a marker of the palm, which the others place
-LONGEST_HIDDEN = 5.         # [s] after which it grows no more
-CLUTTER_RANGE = .25         # [m] from the palm, in which they are
-ASTRAY_DISTANCE = 4.        # of a posture that is no hand's, relative to the typical one; ours
-LEAST_FOLLOWED = .3         # share of a hand's markers below which it is lost
-RELABELLING_FRAMES = 6      # between two searches for another labelling
-SEARCH_FRAMES = 36          # between two searches for another place of the palm
-BIRTHS = .005, .1, 10.       # points that come there in a frame: least, at the start, most; ours
+HIDDEN_PALM_DEVIATION = .009    # the same of a palm marker, which the others constrain
+LONGEST_HIDDEN = 5.         # [s] after which that stops growing
+CLUTTER_RANGE = .25         # [m] on each axis from the palm: neighbourhood of a hand
+ASTRAY_DISTANCE = 4.        # gate: implausible posture, distance relative to the typical; ours
+LEAST_FOLLOWED = .3         # share of seen markers below which a hand is lost
+RELABELLING_FRAMES = 6      # between two relabellings
+SEARCH_FRAMES = 36          # between two searches for the palm elsewhere
+BIRTHS = .005, .1, 10.       # new points near a hand in a frame: least, initial, most; ours
 
 
 class Returns(NamedTuple):
@@ -30,23 +30,23 @@ class Returns(NamedTuple):
     Attributes
     ----------
     age : ndarray, shape (M,)
-        Time since each came; infinite where it is no more in question [s].
+        Time since its point appeared; infinite where no return is judged [s].
     cost : ndarray, shape (M,)
-        Of its point as this marker when it came.
+        Cost of its point as this marker when the point appeared.
     stretch : ndarray, shape (M,)
-        Time since the present stretch of its path began [s].
+        Age of the current stretch of its path, see `PointHistory` [s].
     motion : ndarray, shape (M,)
-        What earlier stretches change in its cost.
+        Motion term of its cost, from earlier stretches.
     came : ndarray, shape (M, 3)
-        Where the stretch began [m].
+        Start of the current stretch [m].
     pace : ndarray, shape (M, 3)
-        Velocity in the stretch before; not a number in the first [m/s].
+        Mean velocity over the previous stretch, NaN in the first [m/s].
     offset : ndarray, shape (2, M, 3)
-        From where it was expected in the palm's frame, when the stretch began and now [m].
+        Offset from the expected place in the palm's frame, at the start of the stretch and now [m].
     shift : ndarray, shape (M, 3)
-        By how much it changed in the stretch before [m].
+        Change of the offset over the previous stretch [m].
     hidden_for : ndarray, shape (M,)
-        Time for which it had been hidden [s].
+        Duration of the occlusion before the return [s].
     """
 
     age: np.ndarray
@@ -70,54 +70,53 @@ class HandTrack(NamedTuple):
     place : ndarray, shape (M, 3)
         Predicted place of each marker [m].
     local : ndarray, shape (M, 3)
-        Its place in the palm's frame, of the prototype's size [m].
+        The same in the palm's frame, scaled to the prototype's size [m].
     drift : ndarray, shape (M, 3)
-        Speed there [m/s].
+        Velocity in the palm's frame [m/s].
     expected : ndarray, shape (M, 3)
-        Where the seen markers expected each hidden one in the last frame [m].
+        Conditional mean of each hidden marker given the seen ones, in the last frame [m].
     spread : ndarray, shape (M,)
-        Variance of its place there, on each axis [m²].
+        Conditional variance of each hidden marker, on each axis [m²].
     error : ndarray, shape (M,)
-        By which predictions err, while the marker is seen [m].
+        Filtered prediction error of each marker while it is seen [m].
     deviation : ndarray, shape (M,)
         Standard deviation of the prediction [m].
     hidden_for : ndarray, shape (M,)
-        [s]
+        Duration of the occlusion, 0 for a seen marker [s].
     suspected_for : ndarray, shape (M,)
         Time for which the other markers have contradicted each label [s].
     motion : ndarray, shape (2, 3)
         Velocity of the palm [m/s] and its angular velocity [rad/s].
     trusted_for : ndarray, shape (M, M)
-        Time for which labels have been the best since each seen marker's point may have been each
-        other marker's; on the diagonal since it may have been none [s].
+        Trust in pairs of labels: time without a better rival since the two could be exchanged; on
+        the diagonal, since a marker's point could be clutter [s].
     ids : ndarray of int, shape (M,)
-        By which the source distinguished the markers' points; -1 where it did not.
+        Source's id of each marker's last point; -1 for none.
     id_kept_for : ndarray, shape (M,)
-        Time for which each seen marker's point has had that [s].
+        Time for which each marker's points have had that id [s].
     returns : Returns
-        How each marker came back that was hidden.
+        Evidence on markers that have reappeared after an occlusion.
     exchanged : ndarray, shape (M, M)
-        Evidence that two markers have each other's points, by their links.
+        Evidence that the labels of two markers are exchanged, by links and posture.
     palm_offset : ndarray, shape (M, 3)
-        Of each hidden marker of the palm from where all seen markers together place it, in the
-        palm's frame; not a number where that is not known [m].
+        Offset of each hidden palm marker from where the joint distribution places it, in the palm's
+        frame; NaN where unknown [m].
     doubt : ndarray, shape (1,)
-        By how much another labelling has been better [variances].
+        Accumulated cost lead of rival labellings [variances].
     astray_for : ndarray, shape (1,)
-        Time for which the posture has been no hand's [s].
+        Time for which the posture has been implausible, or too few markers seen [s].
     age : ndarray, shape (1,)
         Time since the start [s].
     arrivals : ndarray, shape (1,)
-        Points near the hand that come in a frame.
+        Rate of new clutter near the hand [points a frame].
     shaken_for : ndarray, shape (1,)
-        Time for which another labelling is taken at once, after a cut; below 0 once that is over
-        [s].
+        Time left after a cut in which a rival labelling is taken at once; negative once over [s].
     unlikely_for : ndarray, shape (1,)
-        Time for which the posture has put the labels in doubt [s].
+        Time for which the posture has been unlikely, which puts the labels in doubt [s].
     since_relabelling, since_search : ndarray of int, shape (1,)
-        Frames since another labelling was sought, and another place of the palm.
+        Frames since the last relabelling, and since the last search for the palm elsewhere.
     next_corner : ndarray of int, shape (1,)
-        Point from which that search goes on.
+        Point from which that search continues.
     """
 
     finding: Finding
@@ -170,7 +169,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
 
 @labelling_jit
 def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> None:
-    """Set the markers' places by the present labels; hidden ones are where they are expected."""
+    """Initialise the markers' places from the labels; hidden ones at their conditional mean."""
     rows = track.finding.rows
     local = np.empty((len(points), 3))
     to_palm_frame(points, track.finding.rotation, track.finding.position,
@@ -208,7 +207,7 @@ def turn_rotation(rotation: np.ndarray, x: float, y: float, z: float) -> None:
 
 @labelling_jit
 def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
-    """Predict palm and markers a time step [s] ahead."""
+    """Predict palm and markers a time step [s] ahead, at constant velocity."""
     finding = track.finding
     for k in range(3):
         finding.position[k] += track.motion[0, k] * step
@@ -226,7 +225,7 @@ def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
 
 @labelling_jit
 def place_again(track: HandTrack) -> None:
-    """Write the places of the markers in the frame of the points."""
+    """Transform the markers' places from the palm's frame to that of the points."""
     finding = track.finding
     size, rotation = finding.size[0], finding.rotation
     for i in range(len(track.place)):
@@ -238,5 +237,5 @@ def place_again(track: HandTrack) -> None:
 
 @labelling_jit
 def coming_cost(track: HandTrack) -> float:
-    """Return the cost of taking a point that has just come, relative to `CLUTTER_DENSITY`."""
+    """Return the cost of labelling a new point, by the rate of new clutter near the hand."""
     return 2. * math.log(track.arrivals[0] / (8. * CLUTTER_RANGE ** 3 * CLUTTER_DENSITY))

@@ -1,7 +1,7 @@
-"""Cost of a labelling by the distances of a digit's neighbouring markers.
+"""Cost of a labelling by its links: distances of neighbouring markers on a digit.
 
-They hardly change however a digit bends, so that they tell touching digits apart, whose joint
-distribution is wide.
+Lengths of links hardly change as a digit bends, so they tell touching digits apart, where the joint
+distribution is too wide.
 """
 
 import math
@@ -11,8 +11,8 @@ import numpy as np
 from ..numerics.jit import labelling_jit
 from .prototypes import Prototype
 
-LINK_FREEDOM = 4.           # of Student's distribution of lengths, as skin moves; ours
-LINK_MEAN = 1.              # cost of a true link in the mean
+LINK_FREEDOM = 4.           # degrees of freedom of a length's Student distribution; ours
+LINK_MEAN = 1.              # mean cost of a correct link, which is subtracted
 
 
 @labelling_jit
@@ -27,7 +27,7 @@ def _length_cost(prototype: Prototype, link: int, one: np.ndarray, other: np.nda
 
 @labelling_jit
 def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> float:
-    """Return the cost of the seen links of a labelling.
+    """Return the cost of a labelling by the lengths of its links with both markers seen.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> flo
 @labelling_jit
 def marker_links_cost(prototype: Prototype, local: np.ndarray, hidden_for: np.ndarray,
                       marker: int, place: np.ndarray) -> float:
-    """Return the cost of a place of a marker by its links to markers that are seen.
+    """Return the cost of a marker at a place by its links to seen markers.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def marker_links_cost(prototype: Prototype, local: np.ndarray, hidden_for: np.nd
 @labelling_jit
 def exchange_gain(prototype: Prototype, local: np.ndarray, rows: np.ndarray, i: int,
                   j: int) -> float:
-    """Return by how much the links cost less if two seen markers exchange their points.
+    """Return the reduction of the links' cost when two seen markers exchange their points.
 
     Parameters are those of `links_cost`; `rows` is as before on return.
     """

@@ -8,21 +8,21 @@ from ..model.marker_layout import MarkerLayout, marker_positions
 from .prototypes import HandPrototype, learn_prototype
 
 POSES = 1500
-COMMON_CURL = .7            # share of a finger's bend that all fingers have together; ours
-THUMB_CURL = .5             # most that a thumb bends, of its range, but for the scatter; ours
-CURL_SCATTER = .12          # of the second joint's bend about the first's, of its range; ours
+COMMON_CURL = .7            # share of a finger's flexion common to all fingers; ours
+THUMB_CURL = .5             # largest flexion of the thumb before scatter, of its range; ours
+CURL_SCATTER = .12          # scatter of the first flexion, of its range; twice for the second; ours
 ABDUCTION_SCATTER = (10.,) * 4 + (27.5,)  # [degrees] standard deviation of each digit's; ours
-LARGEST_SCATTER = 2.        # [1] standard deviations at which it ends
+LARGEST_SCATTER = 2.        # [1] standard deviations at which abduction is clipped
 ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
 ANYBODY_SIZES = .7, 1.45    # of palms, relative to the model's; ours
-ANYBODY_SHAPE = .15         # by which a side of the palm may differ, relative to its length; ours
-# The same of a hand that was measured: its markers are put on anew, and rulers err.
+ANYBODY_SHAPE = .15         # relative tolerance of the lengths of the palm's sides; ours
+# The same for a measured hand: markers are put on anew for each take, and rulers err.
 MEASURED_SIZES = .9, 1.1
 MEASURED_SHAPE = .08
 
 
 def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
-    """Draw poses in which fingers bend together, the same ones at each call.
+    """Draw random poses with correlated flexion of the fingers, the same ones at each call.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
     common = random.uniform(size=(count, 1))
     curl = np.clip(COMMON_CURL * common + (1. - COMMON_CURL) * random.uniform(size=(count, 5)),
                    0., 1.)
-    # The thumb goes its own way, and hardly ever beyond the middle of the palm.
+    # The thumb flexes independently, and hardly ever beyond the middle of the palm.
     curl[:, -1] = THUMB_CURL * random.uniform(size=count)
     for i, joints in enumerate((FLEXION_JOINTS[:, 0], FLEXION_JOINTS[:, 1])):
         bend = np.clip(curl + CURL_SCATTER * (1. + i) * random.normal(size=curl.shape), 0., 1.)
-        # From a little hyperextension on: hands are rarely bent back as far as they go.
+        # From half the hyperextension on: hands are rarely bent back as far as they go.
         start = .5 * lower[joints]
         angles[:, joints] = start + bend * (upper[joints] - start)
     spread = np.radians(ABDUCTION_SCATTER) * np.clip(
@@ -57,7 +57,7 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
 
 def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
                     is_measured: bool = False) -> HandPrototype:
-    """Return the prototype of a hand by its model.
+    """Return the prototype of a hand by its model in natural poses.
 
     Parameters
     ----------

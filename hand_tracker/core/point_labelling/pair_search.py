@@ -1,7 +1,7 @@
-"""Search for hands by two markers of the palm: all turns about their line are tried.
+"""Search for hands by pairs of palm markers, over rotations about the line through them.
 
-All turns are tried. The best are labelled, and placed by all markers together: the digits fix the
-turn, as far as their joint distribution allows.
+The best candidates are labelled, and placed by the joint distribution of all markers: the digits
+fix the rotation, as far as it allows.
 """
 
 import math
@@ -34,18 +34,18 @@ from .posture import (
 )
 from .prototypes import Prototype
 
-TURNS = 16              # of a palm about two of its markers that are tried; ours
-PLACING_ROUNDS = 3      # of placing a hand by all its markers; ours
-LABELLING_ROUNDS = 3    # of labelling it and placing it again; ours
+TURNS = 16              # tried rotations of a palm about the line of a pair; ours
+PLACING_ROUNDS = 3      # Gauss-Newton steps of `place_by_all`; ours
+LABELLING_ROUNDS = 3    # of placing a candidate and labelling it again; ours
 
 
 @labelling_jit
 def search_pairs(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
                  budget: int, candidates: Candidates) -> int:
-    """Collect candidates for the palm by two of its markers, as `search_palms` does by three.
+    """Collect palm candidates by pairs of palm markers, as `search_palms` does by triangles.
 
-    Parameters are those of `search_palms`. The candidates' corners are the pair, its two points
-    and the number of the turn.
+    Parameters are those of `search_palms`. Corners of the candidates: the pair, its two points, and
+    the index of the rotation.
     """
     count, tried, most = len(points), 0, palms_within(budget, prototype, points)
     rotation, position = local_floats((3, 3)), local_floats(3)
@@ -79,7 +79,7 @@ def search_pairs(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
 
 @labelling_jit
 def pair_fits(prototype: Prototype, points: np.ndarray, pair: int, a: int, b: int) -> bool:
-    """Return whether two points are as far apart as a pair of palm markers may be."""
+    """Return whether two points' distance is within the tolerance of a pair of palm markers."""
     gap, length = 0., 0.
     for k in range(3):
         gap += (points[a, k] - points[b, k]) ** 2
@@ -92,7 +92,7 @@ def pair_fits(prototype: Prototype, points: np.ndarray, pair: int, a: int, b: in
 @labelling_jit
 def place_by_pair(prototype: Prototype, points: np.ndarray, pair: int, a: int, b: int,
                   turn: int, rotation: np.ndarray, position: np.ndarray) -> float:
-    """Place a palm by two points and its turn about them; return its size.
+    """Place a palm by two points and a rotation about their line; return its size.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def place_by_pair(prototype: Prototype, points: np.ndarray, pair: int, a: int, b
     pair, a, b : int
         Pair of palm markers, and their points.
     turn : int
-        Of `TURNS`.
+        Index of the rotation, of `TURNS`.
     rotation, position : ndarray, shape (3, 3), (3,)
         Replaced [m].
     """
@@ -191,7 +191,7 @@ def _relabel_placed(prototype: Prototype, points: np.ndarray, free: np.ndarray,
 
 @labelling_jit
 def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> None:
-    """Place a labelled hand where its markers together are the most likely.
+    """Place a labelled hand by maximum likelihood of all its markers (Gauss-Newton).
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> No
     count = len(prototype.template)
     local, matrix = np.empty((len(points), 3)), np.empty((3 * count, 3 * count))
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
-    # How the places change by rotation vector, shift and size, in the palm's frame
+    # Jacobian of the places by rotation vector, translation and size, in the palm's frame
     slope, weighed = np.empty((7, 3 * count)), np.empty(3 * count)
     normal = local_floats((8, 8))
     half = .5 * (prototype.sizes[1] - prototype.sizes[0])

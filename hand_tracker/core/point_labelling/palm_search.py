@@ -1,8 +1,8 @@
-"""Hands in a cloud of points, from a single frame: palms by rigid geometry, digits by statistics.
+"""Detection of hands in a single frame: palms by triangles, digits by optimal assignment.
 
-Three points that are as far apart as a triangle of palm markers are a candidate for the palm. The
-best candidates, by how near points are to where the other markers use to be, get all their
-labels: an optimal assignment of points to markers, refined by all markers together.
+Three points with the side lengths of a triangle of palm markers are a palm candidate. The
+candidates with points nearest to the mean places of the other markers are labelled in full: by an
+optimal assignment of points to markers, refined by the joint distribution of all markers.
 """
 
 import math
@@ -25,20 +25,20 @@ from .posture import (
 )
 from .prototypes import Prototype
 
-# Distances of points from markers that a frame's search of a hand takes; ours.
+# Budget of a hand's search in a frame, in distances of points from markers; ours.
 SEARCH_BUDGET = 240_000
-CANDIDATES = 16         # palms of a search that get all their labels; ours
+CANDIDATES = 16         # palm candidates of a search that are labelled in full; ours
 CHAIN_ROUNDS = 4        # at most
-LEAST_SHARE = .55       # of a hand's markers that must be seen for it to be found; ours
+LEAST_SHARE = .55       # least share of seen markers of a hand that is found; ours
 
 
 class Candidates(NamedTuple):
-    """Candidates for the palm, the cheapest first.
+    """Palm candidates, the cheapest first.
 
     Attributes
     ----------
     corners : ndarray of int, shape (C, 4)
-        Base, and the points of its corners; of `search_pairs` a pair, its points and the turn.
+        Index of the triangle, and its three points; of `search_pairs`: pair, two points, rotation.
     cost : ndarray, shape (C,)
         Infinite where there is none.
     """
@@ -48,7 +48,7 @@ class Candidates(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A hand found among points.
+    """A hand found among points: labels, pose of the palm, cost.
 
     Attributes
     ----------
@@ -76,13 +76,13 @@ class Finding(NamedTuple):
 
 @labelling_jit
 def blank_candidates() -> Candidates:
-    """Return no candidates."""
+    """Return a list of candidates without any: all costs are infinite."""
     return Candidates(np.zeros((CANDIDATES, 4), dtype=np.int64), np.full(CANDIDATES, math.inf))
 
 
 @labelling_jit
 def blank_finding(count: int) -> Finding:
-    """Return the `Finding` of nothing, for `count` markers."""
+    """Return a `Finding` without a hand, for `count` markers: all hidden, at infinite cost."""
     return Finding(np.full(count, -1), np.eye(3), np.zeros(3), np.ones(1),
                    np.full(1, math.inf), np.full(1, math.inf))
 
@@ -90,7 +90,7 @@ def blank_finding(count: int) -> Finding:
 @labelling_jit
 def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray, size: float,
                   local: np.ndarray) -> None:
-    """Write points in the palm's frame, scaled to the prototype's size, shape (n, 3) [m]."""
+    """Transform points to the palm's frame, scaled to the prototype's size, shape (n, 3) [m]."""
     for j in range(len(points)):
         x = (points[j, 0] - position[0]) / size
         y = (points[j, 1] - position[1]) / size
@@ -101,14 +101,14 @@ def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray
 
 @labelling_jit
 def palms_within(budget: int, prototype: Prototype, points: np.ndarray) -> int:
-    """Return how many palms a search may try: each takes the distances of all points."""
+    """Return how many palms a budget allows: each takes all distances of points from markers."""
     return max(budget // max(len(prototype.template) * len(points), 1), 1)
 
 
 @labelling_jit
 def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
                  budget: int, candidates: Candidates) -> int:
-    """Collect candidates for the palm, beginning with one of the points as first corner.
+    """Collect palm candidates: three points that match a triangle of palm markers.
 
     Parameters
     ----------
@@ -118,10 +118,10 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     free : ndarray of bool, shape (n,)
         Points that may be taken.
     first : int
-        Point from which to begin.
+        First corner to begin with.
     budget : int
-        Distances of points from markers that it takes, by `palms_within`; the search stops before
-        the next first corner.
+        Distances of points from markers to compute, see `palms_within`; checked before each first
+        corner.
     candidates : Candidates
         Updated.
 
@@ -195,7 +195,7 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
 @labelling_jit
 def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation: np.ndarray,
                    position: np.ndarray) -> None:
-    """Move the palm's origin to where the scaled template lies on its corners' centre."""
+    """Set the palm's origin so that the centroids of scaled template and corners coincide."""
     for k in range(3):
         position[k] = 0.
         for i in range(len(corners)):
@@ -208,7 +208,7 @@ def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation:
 @labelling_jit
 def quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                limit: float) -> float:
-    """Return the cost of a palm if each marker took its nearest point; inf beyond `limit`."""
+    """Return a palm's cost, each marker at its cheapest point, shared or not; inf above `limit`."""
     total = 0.
     best = len(prototype.template) * HIDDEN_COST
     for i in range(len(prototype.template)):
@@ -224,7 +224,7 @@ def quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                     local[j, 1] - prototype.template[i, 1],
                     local[j, 2] - prototype.template[i, 2]))
         total += least
-        # What the markers so far cost more than they could cannot be made good.
+        # A lower bound: the excess cost of the markers so far cannot be regained.
         best += least - min(base, HIDDEN_COST)
         if best > limit:
             return math.inf
@@ -234,7 +234,7 @@ def quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
 @labelling_jit
 def insert_candidate(candidates: Candidates, cost: float, base: int, a: int, b: int,
                      c: int) -> None:
-    """Insert a candidate in the order of costs; the last one falls out."""
+    """Insert a candidate in the order of costs; drop the most expensive one."""
     last = len(candidates.cost) - 1
     if not cost < candidates.cost[last]:
         return
@@ -296,7 +296,7 @@ def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
 @labelling_jit
 def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                found: Finding) -> None:
-    """Label all markers of a palm that is roughly placed, and place it by its own markers.
+    """Label all markers by optimal assignment at a rough palm pose, then refine labels and pose.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
 
 @labelling_jit
 def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
-    """Return whether three markers of the palm are seen."""
+    """Return whether three or more markers of the palm are seen."""
     return count_seen_palm(prototype, rows) >= 3
 
 
@@ -351,7 +351,7 @@ def refine_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
 @labelling_jit
 def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                finding: Finding) -> None:
-    """Improve a finding's labels by `chain_labels`, as long as they become cheaper."""
+    """Improve a finding's labels by `chain_labels`, as long as the cost falls."""
     count = len(prototype.template)
     local = np.empty((len(points), 3))
     matrix = np.empty((3 * count, 3 * count))
@@ -371,7 +371,7 @@ def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
 
 @labelling_jit
 def copy_finding(source: Finding, target: Finding) -> None:
-    """Overwrite a finding by another."""
+    """Copy a finding to another."""
     target.rows[:] = source.rows
     target.rotation[:] = source.rotation
     target.position[:] = source.position
@@ -382,7 +382,7 @@ def copy_finding(source: Finding, target: Finding) -> None:
 @labelling_jit
 def write_cost(prototype: Prototype, local: np.ndarray, found: Finding, cost: float,
                distance: float) -> None:
-    """Write cost and distance of a labelled hand.
+    """Write a labelled hand's cost, of posture, size and links, and its Mahalanobis distance.
 
     Parameters
     ----------
@@ -401,14 +401,14 @@ def write_cost(prototype: Prototype, local: np.ndarray, found: Finding, cost: fl
 
 @labelling_jit
 def drop_sparse(found: Finding) -> None:
-    """Make the cost of a hand infinite of which too few markers are seen."""
+    """Set the cost to infinity if less than `LEAST_SHARE` of the markers are seen."""
     if count_seen(found.rows) < LEAST_SHARE * len(found.rows):
         found.cost[0] = math.inf
 
 
 @labelling_jit
 def size_cost(prototype: Prototype, size: float) -> float:
-    """Return the cost of a palm's size: sizes are normal, with 95 % of them in their range."""
+    """Return the cost of a palm's size by its normal prior, with 95 % in the range of sizes."""
     half = .5 * (prototype.sizes[1] - prototype.sizes[0])
     return (2. * (size - 1.) / half) ** 2
 
@@ -416,7 +416,7 @@ def size_cost(prototype: Prototype, size: float) -> float:
 @labelling_jit
 def place_by_palm(prototype: Prototype, points: np.ndarray, rows: np.ndarray,
                   found: Finding) -> bool:
-    """Place a palm by its seen rigid markers; return whether there were three of them."""
+    """Fit a palm rigidly to its seen markers; return whether there were enough, three."""
     count = count_seen_palm(prototype, rows)
     if count < 3:
         return False

@@ -1,7 +1,7 @@
-"""Cost of each point of a cloud as each marker of a hand that is followed.
+"""Data association costs: each point of a cloud as each marker of a followed hand.
 
-A seen marker is where it is predicted; a hidden one of a digit comes back as `returns` says, one
-of the palm at its distances from the others.
+A seen marker is expected at its prediction; a hidden digit marker as in `returns`; a hidden palm
+marker at its prediction and its distances from the seen palm markers.
 """
 
 import math
@@ -16,18 +16,18 @@ from .posture import CLUTTER_DENSITY, SEEN_COST
 from .prototypes import Prototype
 from .returns import RETURN_COST, PalmPoints, hidden_place, hidden_tail, return_cost
 
-VANISHING_COST = 12.        # of a marker that was seen a frame before
+VANISHING_COST = 12.        # of not assigning a marker that was seen a frame before
 RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
-CIRCLE_COST = 8.            # of a palm marker whose turn about two others is not as predicted
-RIGID_GAIN = 30.            # that such distances take off the cost of a palm marker at most
-HINT_GAIN = 4.              # of a point that has the id that the marker had
-KEPT_ID_TIME = .1           # [s] for which it has had it: some sources number anew each time; ours
+CIRCLE_COST = 8.            # of a palm marker placed by `circle_cost`, off its prediction
+RIGID_GAIN = 30.            # most by which distances lower a palm marker's cost
+HINT_GAIN = 4.              # cost reduction of a point with the source id of the marker
+KEPT_ID_TIME = .1           # [s] of a kept id: some sources renumber each frame; ours
 
 
 @labelling_jit
 def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
                 cost: np.ndarray) -> None:
-    """Write the cost of each point as each marker of a hand beyond that of no point.
+    """Write the cost of each point as each marker of a hand, relative to leaving it hidden.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
     track : HandTrack
         Predicted.
     seen : PalmPoints
-        Placed in the predicted palm.
+        `local` is replaced: points in the frame of the predicted palm.
     cost : ndarray, shape (H, n)
-        Of the markers of all hands; this one's are replaced, infinite where one cannot be.
+        Rows of this hand's markers are replaced; infinite where hiding the marker costs less.
     """
     come = coming_cost(track)
     finding, cloud = track.finding, seen.cloud
@@ -64,7 +64,7 @@ def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
                     value += off / variance - VANISHING_COST
                 else:
                     value += hidden_tail(off, variance) + RETURN_COST
-                    # Another cost of the palm's rigidity is to be expected at best.
+                    # At best its distances in the palm lower the cost by that much.
                     if value < RIGID_GAIN:
                         value += rigid_cost(prototype, track, i, points[j])
                     value = min(value, RETURN_COST + max(come, cloud.cost[j]) + circle_cost(
@@ -78,7 +78,7 @@ def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
 @labelling_jit
 def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
               point: np.ndarray) -> float:
-    """Return how much farther a point is from a seen palm marker than a palm marker is [m]."""
+    """Return a point's distance from a seen palm marker, less `marker`'s by the template [m]."""
     rest, here = 0., 0.
     for k in range(3):
         rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
@@ -88,14 +88,14 @@ def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
 
 @labelling_jit
 def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
-    """Return the change of a palm marker's cost by its distances from the seen palm markers."""
+    """Return the rigidity term of a palm marker's cost: its distances from seen palm markers."""
     total, count = 0., 0
     for i in range(len(prototype.rigid)):
         if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:
             continue
         gap = _palm_gap(prototype, track, i, marker, point)
         variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
-        # Each distance fixes one coordinate, of three.
+        # Each distance constrains one of three coordinates.
         if count < 3:
             total += math.log(variance / max(track.deviation[marker] ** 2, variance))
         total += gap * gap / variance
@@ -106,9 +106,9 @@ def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.nd
 @labelling_jit
 def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
                 point: np.ndarray) -> float:
-    """Return the cost of a point as a hidden palm marker by its distances from two others alone.
+    """Return the cost of a point as a hidden palm marker by its distances from the two seen ones.
 
-    The others leave its turn about them open: it is taken to be anywhere on its circle.
+    Its rotation about their line is free: it is anywhere on a circle. Infinite unless two are seen.
     """
     first, second, count = -1, -1, 0
     for i in range(len(prototype.rigid)):

@@ -1,7 +1,7 @@
-"""Cost of a labelling by the posture: all markers of a hand together against its prototype.
+"""Posture cost of a labelling: likelihood of all its markers under the joint distribution.
 
-Costs are in variances: twice the negative logarithm of the likelihood, relative to points that
-are no marker of the hand, which are taken as evenly spread.
+Costs are in variances: twice the negative logarithm of the likelihood ratio to clutter, points that
+are no marker of the hand, which is taken as evenly spread.
 """
 
 import math
@@ -14,21 +14,22 @@ from .prototypes import Prototype
 CLUTTER_DENSITY = 200.  # [1/m³] of points that are no marker of the hand; ours
 # Cost of a seen marker besides its Mahalanobis distance and the logarithm of its determinant.
 SEEN_COST = 3. * math.log(2. * math.pi) + 2. * math.log(CLUTTER_DENSITY)
-HIDDEN_COST = 16.              # of a marker that is not among the points; ours
-# Degrees of freedom of Student's distribution, which the posture as a whole has: hands that bend
-# as those that were learned from never did are rare, not impossible; ours.
+HIDDEN_COST = 16.              # of an occluded marker, without a point; ours
+# Degrees of freedom of the posture's multivariate Student distribution: postures far from the
+# learned ones are rare, not impossible; ours.
 FREEDOM = 6.
 EXCHANGE_ROUNDS = 40    # at most
 SMALLEST_GAIN = 1e-6    # below which costs are equal
-CHAIN = 5               # markers that pass their points on, at most
+CHAIN = 5               # markers of an alternating chain, at most
 
 
 @labelling_jit
 def sweep(matrix: np.ndarray, k: int) -> float:
     """Sweep a symmetric matrix on its diagonal element k (Beaton 1964); return that pivot.
 
-    Sweeping an inverse covariance on hidden coordinates leaves the inverse covariance of the
-    others, how the hidden ones follow them, and the hidden ones' negative covariance given them.
+    Sweeping an inverse covariance on hidden coordinates marginalises them: it leaves the inverse
+    covariance of the others, the regression of the hidden ones on them, and minus the hidden ones'
+    conditional covariance.
     """
     pivot = matrix[k, k]
     size = len(matrix)
@@ -57,7 +58,7 @@ def quadratic(matrix: np.ndarray, x: float, y: float, z: float) -> float:
 
 @labelling_jit
 def hide(matrix: np.ndarray, marker: int) -> float:
-    """Sweep the three coordinates of a marker; return the logarithm of the pivots' product."""
+    """Marginalise a marker by sweeping its coordinates; return the log of the pivots' product."""
     return (math.log(sweep(matrix, 3 * marker)) + math.log(sweep(matrix, 3 * marker + 1))
             + math.log(sweep(matrix, 3 * marker + 2)))
 
@@ -95,7 +96,7 @@ def posture_distance(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, ro
 
 @labelling_jit
 def tail_cost(distance: float, dimensions: int) -> float:
-    """Return the cost of a squared Mahalanobis distance by Student's distribution.
+    """Return the cost of a squared Mahalanobis distance by a multivariate Student distribution.
 
     Twice the negative logarithm of its density, without the determinant and with `SEEN_COST` for
     each three of the dimensions.
@@ -107,12 +108,12 @@ def tail_cost(distance: float, dimensions: int) -> float:
 
 @labelling_jit
 def posture_cost(constant: float, distance: float, seen: int, hidden: int) -> float:
-    """Return the cost of a labelling.
+    """Return the posture cost of a labelling: of its seen and its hidden markers.
 
     Parameters
     ----------
     constant : float
-        Of the seen markers, by `reset_matrix`.
+        Log-determinant of the seen markers' covariance, by `reset_matrix`.
     distance : float
         Their squared Mahalanobis distance.
     seen, hidden : int
@@ -133,7 +134,7 @@ def count_seen(rows: np.ndarray) -> int:
 @labelling_jit
 def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                 cost: np.ndarray) -> None:
-    """Write the cost of each free point as each marker, by the marker alone, (M, n)."""
+    """Write the cost of each free point as each marker by its marginal distribution, (M, n)."""
     for i in range(len(cost)):
         base = SEEN_COST + prototype.marginal_constant[i]
         for j in range(cost.shape[1]):
@@ -146,14 +147,14 @@ def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
 @labelling_jit
 def _step(local: np.ndarray, rows: np.ndarray, marker: int, point: int,
           step: np.ndarray) -> None:
-    """Write how a marker moves that takes another point, shape (3,) [m]."""
+    """Write a marker's displacement when it takes another point, shape (3,) [m]."""
     for k in range(3):
         step[k] = local[point, k] - local[rows[marker], k]
 
 
 @labelling_jit
 def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndarray) -> float:
-    """Return the change of the squared distance as one marker moves by `step` [m]."""
+    """Return the change of the squared Mahalanobis distance as a marker moves by `step` [m]."""
     a = 3 * marker
     total = 0.
     for k in range(3):
@@ -164,7 +165,7 @@ def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndar
 @labelling_jit
 def exchange_change(matrix: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                     rows: np.ndarray, i: int, j: int) -> float:
-    """Return how the squared distance changes as two seen markers exchange their points."""
+    """Return the change of the squared Mahalanobis distance as two labels are exchanged."""
     one, other = local_floats(3), local_floats(3)
     _step(local, rows, i, rows[j], one)
     change = _change(matrix, gradient, i, one)
@@ -180,7 +181,7 @@ def exchange_change(matrix: np.ndarray, gradient: np.ndarray, local: np.ndarray,
 @labelling_jit
 def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free: np.ndarray,
                   rows: np.ndarray, residual: np.ndarray, gradient: np.ndarray) -> float:
-    """Exchange labels, and take other points, as long as the posture becomes more likely.
+    """Refine labels by exchanges and free points, while the Mahalanobis distance falls.
 
     Parameters
     ----------
@@ -236,7 +237,7 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
 def exchange_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows: np.ndarray,
                     matrix: np.ndarray, residual: np.ndarray,
                     gradient: np.ndarray) -> tuple[float, int, float]:
-    """Refine labels, and hand points over to hidden markers; as many stay hidden.
+    """Refine labels, with points handed over to hidden markers; the number hidden stays.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def exchange_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, r
 @labelling_jit
 def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                     rows: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
-    """Refine labels; drop markers, take hidden ones, or both, where that costs less.
+    """Refine labels; hide seen markers and label hidden ones, as long as the cost falls.
 
     Parameters
     ----------
@@ -295,7 +296,7 @@ def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
     constant, hidden, distance = exchange_labels(
         prototype, local, free, rows, matrix, residual, gradient)
     for _ in range(2 * count):
-        # The seen marker that is least believed, given all others
+        # The least likely seen marker, given all others
         worst, most = -1, 0.
         for i in range(count):
             if rows[i] >= 0:
@@ -318,7 +319,7 @@ def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
 @labelling_jit
 def reset_matrix(prototype: Prototype, rows: np.ndarray,
                  matrix: np.ndarray) -> tuple[float, int]:
-    """Write the inverse covariance, swept on hidden markers; return its constant, their number."""
+    """Write the inverse covariance, hidden markers swept; return `constant` and their number."""
     matrix[:] = prototype.precision
     constant, hidden = prototype.constant, 0
     for i in range(len(rows)):
@@ -346,7 +347,7 @@ def block_inverse(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
 @labelling_jit
 def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
                    seen: int) -> float:
-    """Return by how much the cost falls if one of `seen` markers is taken for hidden."""
+    """Return the cost reduction of hiding a seen marker, one of `seen`."""
     covariance = local_floats((3, 3))
     a = 3 * marker
     determinant = block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
@@ -358,10 +359,10 @@ def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
 @labelling_jit
 def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
                   seen: int) -> float:
-    """Return the squared deviations of a seen marker from where the others expect it.
+    """Return the squared Mahalanobis distance of a seen marker, given the other markers.
 
-    Its covariance is that of Student's distribution given the others: wider the more unusual
-    their posture is.
+    Its covariance is conditional, of Student's distribution: wider, the more unusual the posture of
+    the others is.
     """
     covariance = local_floats((3, 3))
     a = 3 * marker
@@ -375,7 +376,7 @@ def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
 def _best_addition(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
                    local: np.ndarray, free: np.ndarray, rows: np.ndarray,
                    distance: float) -> tuple[int, int]:
-    """Return the hidden marker and the free point that lower the cost most, -1 for none."""
+    """Return the hidden marker and the free point whose assignment lowers the cost most, or -1."""
     best, chosen, least = -1, -1, -SMALLEST_GAIN
     for i in range(len(rows)):
         if rows[i] < 0:
@@ -389,7 +390,7 @@ def _best_addition(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
 def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 free: np.ndarray, rows: np.ndarray, marker: int,
                 distance: float) -> tuple[int, float]:
-    """Return the free point that a hidden marker takes at the lowest cost, and the change."""
+    """Return the cheapest free point for a hidden marker, and the change of the cost."""
     taken = ~free
     seen = 0
     for i in range(len(rows)):
@@ -399,7 +400,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
     chosen, least = -1, math.inf
     precision = local_floats((3, 3))
     a = 3 * marker
-    # Of the negative covariance, swept; the gradient there is minus the expected residual.
+    # Swept block: minus the conditional covariance; its gradient: minus the expected residual.
     determinant = block_inverse(matrix[a:a + 3, a:a + 3], -1., precision)
     base = math.log(determinant) - tail_cost(distance, 3 * seen) - HIDDEN_COST
     for j in range(len(local)):
@@ -417,7 +418,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
 @labelling_jit
 def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place: np.ndarray,
               giver: int, taker: int, distance: float, seen: int) -> float:
-    """Return the change of the cost if a hidden marker takes the point of a seen one.
+    """Return the change of the cost if a hidden marker takes over the point of a seen one.
 
     `place` is that point, shape (3,), in the palm's frame [m]; others are as for `refine_labels`.
     """
@@ -448,9 +449,9 @@ def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place:
 @labelling_jit
 def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
                    local: np.ndarray, rows: np.ndarray, distance: float) -> tuple[int, int]:
-    """Return the seen marker whose point a hidden one takes at the lowest cost, and that one.
+    """Return the cheapest handover of a point: its seen giver and its hidden taker.
 
-    Both are -1 where no such change lowers the cost.
+    Both are -1 where no handover lowers the cost.
     """
     giver, taker, least = -1, -1, -SMALLEST_GAIN
     seen = count_seen(rows)
@@ -469,7 +470,7 @@ def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
 @labelling_jit
 def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 rows: np.ndarray, taker: int, moved: np.ndarray, distance: float) -> int:
-    """Return the marker whose point a hidden one takes at the lowest cost, not of those `moved`."""
+    """Return the cheapest giver of a point to the hidden `taker`, none of those `moved`."""
     giver, least, seen = -1, math.inf, count_seen(rows)
     for j in range(len(rows)):
         if rows[j] >= 0 and not moved[j]:
@@ -528,7 +529,7 @@ def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows
             if total < least:
                 least, found = total, True
                 best[:] = trial
-            # The end of the chain: a point that nobody has
+            # The end of the chain: a free point
             point, change = _best_point(
                 matrix, mean, gradient, local, free, trial, marker, distance)
             if point >= 0 and total + change < least:
@@ -549,7 +550,7 @@ def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows
 @labelling_jit
 def hidden_places(prototype: Prototype, local: np.ndarray, rows: np.ndarray, matrix: np.ndarray,
                   places: np.ndarray) -> None:
-    """Write where the seen markers leave each hidden one, shape (M, 3), in the palm's frame [m].
+    """Write the conditional mean of each hidden marker, shape (M, 3), in the palm's frame [m].
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Statistics of a hand's markers in the palm's frame: one normal distribution of all together.
+"""Prototype of a hand: joint normal distribution of all its markers in the palm's frame.
 
-Learned from labelled frames of the wearer, or from natural poses of a hand model. As it is one
-distribution, a finger's markers predict where its other markers and its neighbours' are.
+Learned from labelled frames of the wearer, or from natural poses of a hand model. The seen markers
+of a finger and of its neighbours predict its hidden ones.
 """
 
 from collections.abc import Sequence
@@ -19,25 +19,25 @@ from .bending import bending, outward_markers
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
 LEARNED_FRAMES = 3000       # at most, evenly spread
 MIN_LEARNED_FRAMES = 20
-# Added to what the frames show, as hands also do what was not recorded: standard deviations of a
-# palm marker, of a digit as a whole, and of each of its markers [m]; ours.
+# Standard deviations added to those of the frames, which never show all postures: of a palm marker,
+# of a digit as a whole, and of each of its markers [m]; ours.
 DEVIATIONS = .003, .010, .006
 WEARER_SIZES = .94, 1.06    # of the palm, relative to the learned one; ours
-WEARER_SHAPE = .03          # by which a side of a palm may differ, relative to its length; ours
-MAX_BASES = 6               # triangles of the palm from which it is searched
+WEARER_SHAPE = .03          # relative tolerance of the lengths of a palm's sides; ours
+MAX_BASES = 6               # triangles of palm markers for the search
 MIN_BASE_AREA = 2e-4        # [m²]
-MAX_PALM_PAIRS = 6          # from which it is searched where no triangle is seen
+MAX_PALM_PAIRS = 6          # for the search where no triangle is seen
 MIN_PAIR_GAP = .02          # [m]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
-BENDING_SHARE = .03         # of a digit's natural bending, in variances, that shows enough; ours
+BENDING_SHARE = .03         # share of natural variance from which a digit counts as bending; ours
 LINK_DEVIATION = .003       # [m] of a link's length, besides what frames show; ours
-BENT_DEVIATION = .006       # [m] more of a digit that they do not show bending; ours
+BENT_DEVIATION = .006       # [m] added for a digit that frames do not show bending; ours
 LONGEST_LINK = .06          # [m] from the palm to a digit's first marker; ours
-SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
+SIDE_DEVIATIONS = 4.        # [1] tolerance of a triangle's sides in the search
 
 
 class Prototype(NamedTuple):
-    """Statistics of M markers in the palm's frame, as kernels take them.
+    """Joint normal distribution of M markers in the palm's frame, as arrays for kernels.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Prototype(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HandPrototype:
-    """Markers of one hand, and the statistics of their places.
+    """Names of a hand's markers, and the joint distribution of their places.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class HandPrototype:
     statistics: Prototype
 
     def mirrored(self) -> 'HandPrototype':
-        """Return the same hand of the other side."""
+        """Return the prototype of the mirrored hand, of the other side."""
         one = self.statistics
         count = len(self.names)
         signs = np.tile(LEFT_HAND_MIRROR, count)
@@ -136,9 +136,9 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     deviations : (float, float, float), optional
         Added to those of the frames: of a palm marker, of a digit, and of each of its markers [m].
     sizes : (float, float), optional
-        Least and greatest size of a palm that is taken for this one.
+        Least and greatest accepted size of a palm.
     shape : float, optional
-        By which its sides may differ besides, relative to their lengths.
+        Additional relative tolerance of the lengths of the palm's sides.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: fl
 
 
 def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np.ndarray:
-    """Return the covariance that digits' natural bending has more than the frames show.
+    """Return the covariance of natural bending, for digits that the frames do not show bending.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np
 
 
 def _lacking(shown: np.ndarray, natural: np.ndarray, digit: np.ndarray) -> np.ndarray:
-    """Return the share of its digit's natural bending that frames lack, of each marker, (M,)."""
+    """Return the share of natural bending missing in the frames, for each marker's digit, (M,)."""
     lacking = np.zeros(len(digit))
     coordinate = np.repeat(digit, 3)
     for number in set(digit[digit >= 0]):
@@ -236,7 +236,7 @@ def _lacking(shown: np.ndarray, natural: np.ndarray, digit: np.ndarray) -> np.nd
 
 
 def _aligned(frames: np.ndarray, palm: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the palm's frame as mean places (M, 3), and the frames in it (T, M, 3) [m]."""
+    """Align frames rigidly by the palm; return mean places (M, 3), aligned frames (T, M, 3) [m]."""
     template = frames[0] - frames[0, palm].mean(axis=0)
     local = frames
     for _ in range(ALIGNMENT_ROUNDS):
@@ -260,7 +260,7 @@ def _bases(palm: np.ndarray, frames: np.ndarray,
     frames : ndarray, shape (T, P, 3)
         [m]
     shape : float
-        By which sides may differ besides what they do in the frames, relative to their lengths.
+        Relative tolerance of the sides, besides their variation in the frames.
 
     Returns
     -------
@@ -294,12 +294,12 @@ def _pairs(palm: np.ndarray, frames: np.ndarray, shape: float) -> tuple[np.ndarr
 
 def _large_and_apart(corners: np.ndarray, extent: np.ndarray, least: float,
                      most: int) -> list[int]:
-    """Choose rows of corners (n, k) of great extent (n,), the best first, that share few."""
+    """Choose rows of corners (n, k) with a large extent (n,), that share few corners."""
     left = extent.copy()
     chosen: list[int] = []
     uses = np.zeros(corners.max() + 1)
     while len(chosen) < most and (left >= least).any():
-        # A corner that others have is worth less: any marker may be hidden.
+        # Corners used before count less: any marker may be occluded.
         best = int(np.argmax(left / (1. + uses[corners].sum(axis=1))))
         chosen.append(best)
         uses[corners[best]] += 1.
@@ -308,6 +308,6 @@ def _large_and_apart(corners: np.ndarray, extent: np.ndarray, least: float,
 
 
 def _tolerance(frames: np.ndarray, one: int, other: int, shape: float) -> float:
-    """Return by how much the distance of two markers may differ, relative to its mean."""
+    """Return the tolerance of the distance of two markers, relative to its mean."""
     gap = np.linalg.norm(frames[:, one] - frames[:, other], axis=1)
     return min(shape + SIDE_DEVIATIONS * float(gap.std() / gap.mean()), .4)

@@ -1,7 +1,8 @@
-"""Cost of a reappearing marker: of a point as a marker that was hidden, by place and motion.
+"""Cost of a point as a marker that reappears after occlusion, by place and motion.
 
-A marker of a digit goes with the hand, and is where the others expect it; a point of no hand rests
-or goes on evenly. So each is judged, stretch by stretch of its path, before and after it is taken.
+A digit's marker moves with the hand, near its conditional mean given the seen markers; clutter
+rests or keeps its velocity. So points are judged, stretch by stretch of their path, before and
+after they are labelled.
 """
 
 import math
@@ -18,24 +19,24 @@ from .prototypes import Prototype
 
 HIDDEN_FREEDOM = 3.
 HIDDEN_TAIL = HIDDEN_FREEDOM + 3.
-MISTAKEN_COST = 16.         # of a point that was there while the marker was taken for seen; ours
+MISTAKEN_COST = 16.         # of a point that was there while the marker was seen; ours
 RETURN_COST = 12.           # of a hidden marker that is seen again
-ANYWHERE = .3               # share of hidden markers that went anywhere the others allow; ours
-# Student's distributions of how far a marker that came back moves against where the others expect
-# it, and of how far a point of no hand moves; measured on captures of hands, and ours.
+ANYWHERE = .3               # weight of the conditional distribution given the seen markers; ours
+# Student's distributions of motion: of a reappeared marker (OWN) relative to its conditional mean,
+# and of clutter (STRAY); measured on captures of hands, and ours.
 OWN_SPEED = .02             # [m/s]
-OWN_SPEED_TIME = .2         # [s] after which it grows with the root of the time only
+OWN_SPEED_TIME = .2         # [s] after which its deviation grows with the root of time only
 OWN_FREEDOM = 1.
 STRAY_SPEED = .15           # [m/s]
 STRAY_FREEDOM = 3.
-PACE_DEVIATION = .03        # [m/s] of its pace, where that was seen
-RESTING_SHARE = .2          # of them that do not move; ours
-MOTION_MEMORY = .5          # share of that which is left after the next one; ours
-MOTION_GAIN = 8.            # that a stretch changes in its cost at most; ours
+PACE_DEVIATION = .03        # [m/s] of clutter relative to its velocity, where that is known
+RESTING_SHARE = .2          # share of clutter at rest; ours
+MOTION_MEMORY = .5          # share of the motion term kept after a further stretch; ours
+MOTION_GAIN = 8.            # most by which a stretch changes the cost; ours
 
 
 class PalmPoints(NamedTuple):
-    """Points of a frame, also in the frame of a hand's palm.
+    """Points of a frame, also in a palm's frame, with their history.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class PalmPoints(NamedTuple):
         The points in the palm's frame [m].
     history : PointHistory
     first : int
-        First of the hand's markers among those of all hands.
+        Index of the hand's first marker among those of all hands.
     """
 
     cloud: Cloud
@@ -54,20 +55,20 @@ class PalmPoints(NamedTuple):
 
 
 class HiddenPlace(NamedTuple):
-    """Where a hidden marker is expected in the palm's frame.
+    """Expected place of a hidden marker in the palm's frame, by its track and by the others.
 
     Attributes
     ----------
     last : (float, float, float)
-        By its last place [m].
+        Carried on from its last place [m].
     variance : float
         Of that, on each axis [m²].
     likely : (float, float, float)
-        By the seen markers; not numbers where that is not known [m].
+        Conditional mean given the seen markers; NaN where unknown [m].
     spread : float
         Variance of that [m²].
     error : float
-        By which predictions of the marker err [m].
+        Prediction error of the marker [m].
     """
 
     last: tuple[float, float, float]
@@ -94,21 +95,21 @@ def hidden_place(track: HandTrack, i: int) -> HiddenPlace:
 
 @labelling_jit
 def _hidden_variance(error: float, hidden_for: float) -> float:
-    """Return the variance of a marker's last place, after it was hidden for a time [s]."""
+    """Return the variance of a marker's place [m²] after an occlusion of some time [s]."""
     return error ** 2 + HIDDEN_DEVIATION ** 2 * min(hidden_for, LONGEST_HIDDEN)
 
 
 @labelling_jit
 def hidden_tail(off: float, variance: float) -> float:
-    """Return the cost of a squared distance from where a hidden marker is expected [m²]."""
+    """Return the Student cost of a squared distance from a hidden marker's expected place [m²]."""
     return HIDDEN_TAIL * math.log1p(off / (HIDDEN_FREEDOM * variance))
 
 
 @labelling_jit
 def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> None:
-    """Record each new point's offset from the expected place of every hidden marker.
+    """Update the history of each point as each hidden marker: cost, motion term, offset.
 
-    Also of markers that are still judged: where they would be hidden, if they are none.
+    Also as each reappeared marker that is still judged, as if it were still hidden.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> N
 
 @labelling_jit
 def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> float:
-    """Return the cost of a point as a marker that was hidden.
+    """Return the cost of a point as a hidden marker, by place and motion.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> f
     row : int
         Of the point.
     mark : int
-        Of the marker among those of all hands.
+        Index of the marker among those of all hands.
     """
     history, slot = seen.history, seen.cloud.slots[row]
     cost = _place_of_return(hidden, seen.local[row])
@@ -168,7 +169,7 @@ def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> f
 
 @labelling_jit
 def _place_of_return(hidden: HiddenPlace, place: np.ndarray) -> float:
-    """Return the cost of a place in the palm's frame, shape (3,) [m], as a hidden marker's."""
+    """Return the place term of a hidden marker's cost at a place in the palm's frame, (3,) [m]."""
     off, unlike = 0., 0.
     for k in range(3):
         off += (place[k] - hidden.last[k]) ** 2
@@ -197,20 +198,20 @@ def _stretch_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) ->
 
 @labelling_jit
 def uneven(moved: float, pace: float, time: float) -> float:
-    """Return the square of how far a coordinate moved [m²], against its pace if that is known."""
+    """Return a coordinate's squared displacement [m²], relative to motion at its pace if known."""
     return (moved - pace * time) ** 2 if pace == pace else moved * moved
 
 
 @labelling_jit
 def place_cost(off: float, variance: float, unlike: float, spread: float) -> float:
-    """Return the cost of a place as that of a hidden marker, which moved little, or anywhere.
+    """Return the cost of a hidden marker's place by a mixture: near its last, or by the others.
 
     Parameters
     ----------
     off, variance : float
-        Squared distance from where it is expected by its last place, and its variance [m²].
+        Squared distance from the place carried on from its last one, and its variance [m²].
     unlike, spread : float
-        The same by the other markers alone; not a number where that is not known.
+        The same of the conditional mean given the other markers; NaN where unknown [m²].
     """
     by_last = 3. * math.log(variance) + hidden_tail(off, variance)
     if not (unlike >= 0. and spread > 0.):
@@ -225,19 +226,19 @@ def place_cost(off: float, variance: float, unlike: float, spread: float) -> flo
 def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool) -> float:
     """Return the motion term of a reappeared point's cost as a hidden marker.
 
-    Markers stay where the others expect them; points of no hand rest, or go on evenly.
+    Markers stay near their conditional mean; clutter rests, or keeps its velocity.
 
     Parameters
     ----------
     age : float
         Length of the stretch of its path [s].
     error : float
-        By which predictions of the marker err [m].
+        Prediction error of the marker [m].
     gone, shift : float
-        Squares of how far it went in the stretch, and of how far its place in the palm went from
-        the expected one [m²].
+        Squared displacement over the stretch, and squared change of the offset from the expected
+        place in the palm's frame [m²].
     paced : bool
-        Whether the first is counted from where its pace would have brought it.
+        Whether the first is relative to motion at its pace, see `uneven`.
     """
     grown = (OWN_SPEED * age) ** 2 / (1. + age / OWN_SPEED_TIME)
     own = error * error + grown
@@ -254,7 +255,7 @@ def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool
 
 @labelling_jit
 def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
-    """Note how a marker came back, with a row of the points."""
+    """Begin to judge a marker's return, with the history of its point `row`."""
     returns, history, mark = track.returns, seen.history, seen.first + i
     slot = seen.cloud.slots[row]
     returns.cost[i] = history.cost[slot, mark]
@@ -274,13 +275,13 @@ def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
 @labelling_jit
 def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints, row: int,
                  matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> float:
-    """Return the cost of the point of a marker that came back, by how it has moved since.
+    """Return the cost of a reappeared marker's point, by its place and its motion since.
 
     Parameters
     ----------
     prototype : Prototype
     track : HandTrack
-        Of the last frame; what is known of the marker's return is updated.
+        Of the last frame; its evidence on the marker's return is updated.
     i : int
         Of the marker.
     seen : PalmPoints
@@ -337,7 +338,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
 
 @labelling_jit
 def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints) -> float:
-    """Return the least cost of a point that no hand has, as a marker that came back."""
+    """Return the least cost of an unassigned point as the reappeared marker."""
     least, history, hidden = math.inf, seen.history, hidden_place(track, i)
     for j in range(len(seen.cloud.points)):
         slot = seen.cloud.slots[j]

@@ -1,7 +1,7 @@
-"""Other labellings of a followed hand: whether one is better, for long enough to be taken.
+"""Rival labellings of a followed hand: competing hypotheses, taken once better for long enough.
 
 Now and then the hand is labelled anew at its place, and searched elsewhere. Labels that have long
-been the best are given up late, those just given, or of a frame that is cut, soon.
+been the best take more evidence to replace than new ones, or those after a cut.
 """
 
 import math
@@ -35,32 +35,32 @@ from .palm_search import (
 from .posture import HIDDEN_COST, count_seen, exchange_labels, label_costs, posture_cost
 from .prototypes import Prototype
 
-# As `SEARCH_BUDGET`, of a hand whose labels are in doubt, and of one that is followed; ours.
+# As `SEARCH_BUDGET`: of a hand whose labels are in doubt, and of any followed hand; ours.
 PRESSING_BUDGET, DOUBT_BUDGET = 60_000, 6_000
-# Cost by which another labelling must be better, where it changes labels just given, and where
-# these have long been the best; it counts once for each time in which postures change, up to
-# some of them [variances, s]; ours.
+# Accumulated cost lead at which a rival labelling is taken: against new labels, and against trusted
+# ones. A lead counts once per RIVAL_TIME, in which postures change, and RIVAL_TIMES at most
+# [variances, s]; ours.
 RIVAL_MARGIN = 6.
 TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
-CONTRADICTING_LEAD = 15.    # of another labelling, from which on trusted ones lose trust; ours
-LONGEST_TRUST = 2.          # [s] after which contradictions count as before; ours
-TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
-PRESSING_FRAMES = 2         # between two searches for a labelling where the present is in doubt
-STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
-SHAKEN_TIME = .1            # [s] for which another labelling is then taken at once; ours
-SHAKEN_MARGIN = 3.          # by which it must be better, in variances; ours
-UNLIKELY = 1.5              # posture, relative to the typical, that puts labels in doubt; ours
-NEWLY_SEEN_COST = 12.       # of each marker that another labelling of a followed hand sees more
-RETURN_MARGIN = 18.         # by which one must be better that only sees more markers; ours
-KNOWN_TIME = .4             # [s] for which a point of no hand is no rival's; ours
+CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust; ours
+LONGEST_TRUST = 2.          # [s] upper bound of trust; ours
+TRUST_TIME = 1.             # [s] without a better rival for full trust; ours
+PRESSING_FRAMES = 2         # between two relabellings while the labels are in doubt
+STILL_SEEN = .75            # share of the seen markers that stay; with fewer, a cut; ours
+SHAKEN_TIME = .1            # [s] after a cut in which a rival is taken at once; ours
+SHAKEN_MARGIN = 3.          # cost lead that such a rival needs [variances]; ours
+UNLIKELY = 1.5              # posture distance over the typical that puts labels in doubt; ours
+NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
+RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
+KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
 
 
 @labelling_jit
 def note_cut(prototype: Prototype, track: HandTrack, was_seen: np.ndarray, distance: float,
              come: int) -> None:
-    """Trust no label after a frame that may be cut: many markers go and as many come, or it leaps.
+    """Reset all trust at a cut: many markers vanish as many points appear, or the posture leaps.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def note_cut(prototype: Prototype, track: HandTrack, was_seen: np.ndarray, dista
     was_seen : ndarray of bool, shape (M,) or more
         Markers that were seen in the last frame.
     distance : float
-        Of the posture there, as in `Finding`.
+        Mahalanobis distance there, as in `Finding`.
     come : int
-        Number of points that have just come and are no hand's.
+        Number of new clutter points.
     """
     gone, before = 0, 0
     for i in range(len(track.place)):
@@ -88,7 +88,7 @@ def note_cut(prototype: Prototype, track: HandTrack, was_seen: np.ndarray, dista
 @labelling_jit
 def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
                   step: float, patience: float) -> bool:
-    """Give up labels that are contradicted, take a better labelling; return whether all is lost.
+    """Drop contradicted labels, take a better rival labelling; return whether the hand is lost.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
 @labelling_jit
 def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray,
                       free: np.ndarray, thorough: bool, found: Finding) -> None:
-    """Search the hand among free points, as far as a frame has time; `found` may be replaced."""
+    """Search the hand anew among free points, within a budget; a cheaper one replaces `found`."""
     if not len(points):
         return
     track.since_search[0] = 0
@@ -168,10 +168,9 @@ def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
 
 @labelling_jit
 def _lead(rival: Finding, present: Finding, cloud: Cloud, history: PointHistory) -> float:
-    """Return by how much a rival costs less than the present labels of a followed hand.
+    """Return the cost lead of a rival labelling over the present one of a followed hand.
 
-    Markers that are hidden are expected to stay so. Points of no hand cost a rival more, less
-    and less as they stay.
+    A rival pays for each marker it labels besides, and for clutter, less and less as that ages.
     """
     lead = present.cost[0] - rival.cost[0] - NEWLY_SEEN_COST * max(
         count_seen(rival.rows) - count_seen(present.rows), 0)
@@ -184,7 +183,7 @@ def _lead(rival: Finding, present: Finding, cloud: Cloud, history: PointHistory)
 
 @labelling_jit
 def _has_point(rows: np.ndarray, row: int) -> bool:
-    """Return whether one of some markers has a point."""
+    """Return whether point `row` is among those of some markers."""
     has = False
     for other in rows:
         has = has or other == row
@@ -193,10 +192,10 @@ def _has_point(rows: np.ndarray, row: int) -> bool:
 
 @labelling_jit
 def _trust(track: HandTrack, rival: Finding, contradicted: float) -> float:
-    """Return for how long a followed hand's labels have excluded another labelling [s].
+    """Return the trust in the labels that a rival labelling changes, the longest time of all [s].
 
-    That is the longest time of all points that it gives to another marker, or to none; the time
-    for which it has been better since counts against them.
+    A label counts if the rival gives its point to another marker, or to none; `contradicted` [s] is
+    first subtracted from its trust.
     """
     longest = 0.
     for i in range(len(rival.rows)):
@@ -214,7 +213,7 @@ def _trust(track: HandTrack, rival: Finding, contradicted: float) -> float:
 @labelling_jit
 def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Finding, lead: float,
                  seen: np.ndarray, pressing: bool, elapsed: float) -> None:
-    """Take another labelling where it has been better for long enough.
+    """Accumulate the cost lead of a rival labelling, and take it above the margin.
 
     Parameters
     ----------
@@ -222,13 +221,13 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
         As for `review_labels`.
     rival : Finding
     lead : float
-        By which it costs less.
+        Its cost lead.
     seen : ndarray of bool, shape (M,)
-        Markers with a point before any was given up.
+        Markers with a point before any label was dropped.
     pressing : bool
         Whether the present labels are in doubt.
     elapsed : float
-        Time since the last rival [s].
+        Time since the last relabelling [s].
     """
     finding, count = track.finding, len(seen)
     changed = np.zeros(count, dtype=np.bool_)
@@ -238,10 +237,10 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
         changed[i] = seen[i] and rival.rows[i] != finding.rows[i]
         any_changed = any_changed or changed[i]
         palm_changed = palm_changed or (changed[i] and prototype.rigid[i] > 0.)
-    # A palm is roughly placed by less than three markers: its cost alone says little.
+    # With less than three palm markers the pose is rough: cost alone says little.
     poor = (palm_changed and not palm_is_seen(prototype, finding.rows)
             and count_seen(rival.rows) <= np.sum(seen))
-    # Whether markers of a likely hand come back is better judged by how the points move.
+    # Returns of markers to a likely hand are better judged by motion: see `returns`.
     returns_alone = not (pressing or any_changed) and lead < RETURN_MARGIN
     if (returns_alone or same or poor or not lead > 0.
             or rival.distance[0] > UNLIKELY * max(prototype.typical, 1.)):
@@ -273,7 +272,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
 @labelling_jit
 def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np.ndarray,
             anew: Finding, exchanged: Finding) -> None:
-    """Label the hand at its present place: anew, without history, and by exchanges alone.
+    """Label the hand at its present place: anew, without history, and by exchanging labels alone.
 
     Parameters
     ----------
@@ -282,9 +281,9 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
     points : ndarray, shape (n, 3)
         [m]
     free : ndarray of bool, shape (n,)
-        Points that are of no other hand.
+        Points of no other hand.
     anew, exchanged : Finding
-        Replaced; of `exchanged` as many markers are seen, on the same points.
+        Replaced; `exchanged` keeps the labelled points, and their number.
     """
     count = len(anew.rows)
     copy_finding(track.finding, anew)

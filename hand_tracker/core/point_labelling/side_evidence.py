@@ -1,7 +1,7 @@
-"""Evidence on the side of a hand whose points have no names, over its last postures.
+"""Evidence on the side, right or left, of an unlabelled hand, summed over postures.
 
-A flat hand may as well be one of the other side, seen from behind: fingers that are bent to the
-palm tell its side, and the more postures do so, the surer it is.
+A flat hand fits the mirrored hand, seen from behind, as well: only fingers bent to the palm show
+the side, and the more such postures, the surer.
 """
 
 import numpy as np
@@ -10,17 +10,17 @@ from .hand_track import HandTrack
 from .palm_search import Finding, palm_is_seen
 from .prototypes import Prototype
 
-# How much a posture adds at most, how far the sum may be in favour of the mirrored hand, and how
-# much of it is remembered [variances]; ours.
+# Bound of a posture's cost lead, sum above which the hand is of the other side, and bound of the
+# sum [variances]; ours.
 POSTURE_LEAD, OTHER_SIDE_LEAD, SIDE_MEMORY = 20., 30., 200.
 SIDE_PERIOD = .25           # [s] between two postures, and between two checks
-ANOTHER_POSTURE = .010      # [m] by which markers move to another posture; ours
-CLEAR_SHARE = .85           # of a hand's markers that are seen where a posture tells its side; ours
-BENT_SHARE = .6             # of the mean depth of digits beyond the palm, where they are bent; ours
+ANOTHER_POSTURE = .010      # [m] mean motion of the markers to a new posture; ours
+CLEAR_SHARE = .85           # least share of seen markers for a posture to show the side; ours
+BENT_SHARE = .6             # of the digits' mean palmar depth, above which they are bent; ours
 
 
 class SideEvidence:
-    """Evidence on the side of a hand.
+    """Evidence that a hand is the mirrored one, of the other side.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ class SideEvidence:
     Attributes
     ----------
     lead : float
-        By how much the mirrored hand costs less, over the last postures [variances].
+        Cost lead of the mirrored hand, summed over postures [variances].
     is_other_side : bool
-        Whether the points are rather those of a hand of the other side.
+        Whether the points fit the mirrored hand better.
     """
 
     def __init__(self, own: Prototype, mirrored: Prototype) -> None:
         self._own, self._mirrored = own, mirrored
-        self._posture = np.full(own.template.shape, np.inf)     # that was counted last
+        self._posture = np.full(own.template.shape, np.inf)     # the last one added
         self._unchecked_for = SIDE_PERIOD   # [s]
         self.forget()
 
@@ -46,7 +46,7 @@ class SideEvidence:
         self.lead, self.is_other_side = 0., False
 
     def elapse(self, step: float) -> None:
-        """Let a time pass [s]."""
+        """Advance by a time step [s]."""
         self._unchecked_for += step
 
     def is_due(self) -> bool:
@@ -54,12 +54,12 @@ class SideEvidence:
         return self._unchecked_for >= SIDE_PERIOD
 
     def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray) -> None:
-        """Count a posture, if it tells the side and is another than the last.
+        """Add a posture's cost lead, if it shows the side and differs from the last posture.
 
         Parameters
         ----------
         lead : float
-            By how much the mirrored hand costs less [variances].
+            Cost lead of the mirrored hand [variances].
         track : HandTrack
             Of the hand as it was found.
         found : Finding
@@ -71,7 +71,7 @@ class SideEvidence:
             return
         self._unchecked_for = 0.
         posture = track.local
-        # By the nearest, as labels that change are no other posture.
+        # To the nearest marker, as changed labels are no new posture.
         squares = ((posture[:, None] - self._posture) ** 2).sum(axis=2)
         moved = np.sqrt(squares.min(axis=1).mean())
         if moved < ANOTHER_POSTURE or not (
@@ -85,7 +85,7 @@ class SideEvidence:
 
 
 def _tells_side(prototype: Prototype, finding: Finding, points: np.ndarray) -> bool:
-    """Return whether a hand is seen nearly whole, its digits bent to the palm."""
+    """Return whether a posture shows the side: nearly all markers seen, digits bent to the palm."""
     seen = finding.rows >= 0
     if not palm_is_seen(prototype, finding.rows) or seen.mean() < CLEAR_SHARE:
         return False

@@ -1,6 +1,6 @@
 """Standard deviation of each published angle.
 
-A marker tells of its digit's angles by how it moves with them: the direction of the digit's plane
+A marker shows those angles of its digit that move it: the direction of the digit's plane
 of abduction, its direction in the plane of the first flexion, its distance from the first joint,
 the reach, of the second. Of a straight digit the reach changes by the square of the second flexion
 alone; there natural flexion bounds it. The last joint follows its coupling. Besides noise, the
@@ -19,20 +19,20 @@ import numpy as np
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
 from ..numerics.jit import jit
 
-LIMITS_SHARE = 1. / 6.     # [1] of the range of an angle that nothing shows
-HIDDEN_TIME = 1.2          # [s] in which a hidden digit's variance comes within 1/e² of that
+LIMITS_SHARE = 1. / 6.     # [1] prior deviation of an angle, as a share of its range
+HIDDEN_TIME = 1.2          # [s] in which a hidden digit's variance comes within 1/e² of the prior
 # Error of the hand's model at a marker whose motion on the skin is unknown, along its digit [m].
 MODEL_DEVIATION = .0018
 ACROSS_DIGIT = 1.5         # [1] the same across the digit, relative to it
-SHARED_ERROR = 1.8         # [1] by how much more several markers of a digit err, as they err alike
+SHARED_ERROR = 1.8         # [1] factor for several markers of a digit: their errors correlate
 SADDLE_DEVIATION = .045    # [rad] of the thumb's abduction, by the axes of its saddle joint
-LEAST_LEVER = 1e-3         # [m] below which a marker is taken for one on the axis
+LEAST_LEVER = 1e-3         # [m] distance from the axis below which a marker counts as on it
 # Abduction, first and second flexion of each digit, (15,): what its marker shows.
 SHOWN_JOINTS = np.concatenate((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2].ravel()))
 
 
 def unknown_deviation(limits: np.ndarray) -> np.ndarray:
-    """Return the standard deviation of angles that nothing shows, shape (25,) [rad].
+    """Return the prior standard deviation of angles, without any marker, shape (25,) [rad].
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ def unknown_deviation(limits: np.ndarray) -> np.ndarray:
 
 @jit
 def mean_confidence(deviations: np.ndarray, rows: np.ndarray, unknown: np.ndarray) -> float:
-    """Return how much is known of the hand: 1 exact, 0 as much as where no marker is seen.
+    """Return the confidence in the hand's angles: 1 if exact, 0 at the prior, without any marker.
 
-    The mean over the angles that markers show of 1 - (deviation / deviation of the unknown)².
+    The mean of 1 - (deviation / prior deviation)² over the angles that markers show.
 
     Parameters
     ----------
@@ -55,8 +55,9 @@ def mean_confidence(deviations: np.ndarray, rows: np.ndarray, unknown: np.ndarra
     rows : ndarray of int, shape (25,)
         Where the hand's are among them.
     unknown : ndarray
-        By `unknown_deviation` of whoever found the deviations, in their order [rad]. Of an angle
-        where it is no positive number nothing counts as known, unless both are 0: it is locked.
+        Prior deviations, by `unknown_deviation` of the publisher, in the order of `deviations`
+        [rad]. An angle whose prior is no positive number has confidence 0; one where both are 0 is
+        locked, and does not count.
 
     Returns
     -------
