@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import SIDES
-from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from ..core.model.hand import BOTH, SIDES
+from ..core.model.layout_presets import LAYOUT_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
+from .cloud_side import side_likelihoods
 from .cloud_size import nameless_columns
 from .hand_axes import HandPoints, hands_of, likelier_unit, side_likelihood
 from .layout_labels import labelled_layout, point_names
@@ -19,7 +20,7 @@ LEAST_LIKELIHOOD = .2      # of layouts that are listed
 LEAST_PRESENT = .5         # of a layout's markers that are there
 NAMED_SIDE = .99           # likelihood of a side that labels name
 HAND_SPAN = .30            # [m] that a hand's markers are within
-UNNAMED_LAYOUT = 'anonymous8'
+SURE_SIDE = .8             # likelihood of the side of points without labels from which it is named
 
 
 class LikelyLayout(NamedTuple):
@@ -28,7 +29,7 @@ class LikelyLayout(NamedTuple):
     Attributes
     ----------
     name : str
-        Of `LAYOUT_PRESETS`, or 'anonymous8' for points without labels within a hand's size.
+        Of `LAYOUT_PRESETS`.
     side : {'right', 'left', 'unknown'}
     likelihood : float
         0 to 1.
@@ -148,7 +149,7 @@ def _matches(recording: PointRecording, hands: Mapping[str, Mapping[str, int]]
 def _by_number(recording: PointRecording) -> list[LikelyLayout]:
     """Return the layouts of as many markers as there are points, none of which has a name.
 
-    Of points without labels, eight or more within a hand's size are one of their own.
+    Where some have no label, a hand is also searched among them by its shape, as the tracker does.
     """
     points = recording.points[::max(len(recording.points) // 200, 1)][
         :, nameless_columns(recording)]
@@ -158,17 +159,40 @@ def _by_number(recording: PointRecording) -> list[LikelyLayout]:
     full = points[counts >= len(PAPER_PLACES)]
     if not len(full):
         return []
-    span = np.nanmax(full, axis=1) - np.nanmin(full, axis=1)
-    # As large as a hand in the unit that is the likelier one.
+    # In the unit in which they are the likelier ones of a hand.
     unit = likelier_unit(recording)
-    most = HAND_SPAN * recording.axes.scale / UNIT_SPELLINGS[unit][0] if unit else HAND_SPAN
-    near = float(np.mean(np.linalg.norm(span, axis=1) < most))
+    full = full * (UNIT_SPELLINGS[unit][0] / recording.axes.scale) if unit else full
+    span = np.nanmax(full, axis=1) - np.nanmin(full, axis=1)
+    near = float(np.mean(np.linalg.norm(span, axis=1) < HAND_SPAN))
     sizes = {preset: len(preset_layout(preset).names) for preset in LAYOUT_PRESETS}
     likelihoods = {preset: near * float(np.mean(counts == size)) / [*sizes.values()].count(size)
                    for preset, size in sizes.items()}
-    found = {name: one for name, one in likelihoods.items() if one >= LEAST_LIKELIHOOD}
+    found = {(name, 'unknown'): one for name, one in likelihoods.items()
+             if one >= LEAST_LIKELIHOOD}
     if not all(recording.labels):
-        usual = float(np.mean(counts == len(PAPER_PLACES)))
-        found = {UNNAMED_LAYOUT: near * max(usual, .1), **found}
-    return [LikelyLayout(name, 'unknown', round(one, 3)) for name, one in found.items()
+        found = {**_by_shape(full, near, max(likelihoods.values())), **{
+            key: one for key, one in found.items() if key[0] != PAPER_LAYOUT}}
+    return [LikelyLayout(name, side, round(one, 3)) for (name, side), one in found.items()
             if round(one, 3)]
+
+
+def _by_shape(points: np.ndarray, near: float, by_number: float) -> dict[tuple[str, str], float]:
+    """Return the likelihood of the paper's markers on hands found by shape, by layout and side.
+
+    Parameters
+    ----------
+    points : ndarray, shape (T, n, 3)
+        NaN where missing [m].
+    near : float
+        Share of the frames with all of them within a hand's size [1].
+    by_number : float
+        Greatest likelihood of a layout by the number of points.
+    """
+    counts = np.isfinite(points).all(axis=2).sum(axis=1)
+    usual = near * max(float(np.mean(counts == len(PAPER_PLACES))), .1)
+    sides = side_likelihoods(points)
+    shown = sum(sides.values())
+    likelihood = max(usual, (1. - by_number) * shown)
+    sure = next((side for side, one in sides.items()
+                 if one >= SURE_SIDE * shown > 0.), 'unknown')
+    return {(PAPER_LAYOUT, side): likelihood for side in (SIDES if sure == BOTH else (sure,))}

@@ -15,7 +15,7 @@ import numpy as np
 from ..calibration.hand_axes import is_body, likelier_unit
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import UNNAMED_LAYOUT, LikelyLayout, first_complete, has_both
+from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
@@ -100,11 +100,13 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     if unit := options.units or likelier_unit(recording):
         words.append(f'--unit-scale={UNIT_SPELLINGS[unit][0]:g}' if has_ids else f'--units={unit}')
     # Where nothing has a name, as many points as a layout has markers may be these.
-    other = next((one.name for one in layouts if one.name != UNNAMED_LAYOUT), PAPER_LAYOUT)
+    other = layouts[0].name if layouts else PAPER_LAYOUT
+    sides = {one.side for one in layouts if one.name == other} & set(SIDES)
+    by_shape = BOTH if len(sides) > 1 else next(iter(sides), '')
     without_labels = [*['--layout', other] * (
         other != PAPER_LAYOUT and not given and likeliest is None
         and are_nameless(recording.labels)),
-        '--labels', WITHOUT_LABELS]
+        *['--side', by_shape] * bool(by_shape), '--labels', WITHOUT_LABELS]
     is_both = likeliest is not None and has_both(recording, layouts, likeliest.name)
     if has_ids and is_both:
         return shlex.join([*words, '--side', BOTH])
@@ -217,8 +219,9 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
         lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
                      f'(then --hand {FITTED_HAND} in place of --layout and --side)')
     if command.endswith(f' --labels {WITHOUT_LABELS}'):
-        lines.append('points without labels are searched for a right hand: add --side left for a '
-                     'left one, --side both for two')
+        if ' --side ' not in command:
+            lines.append('points without labels are searched for a right hand: add --side left '
+                         'for a left one, --side both for two')
         if ' --layout ' in command and labels and found['topic']:
             lines.append("where the ids, from 0 on, are in the order of the layout's markers, "
                          f'leave out --labels {WITHOUT_LABELS}')

@@ -156,6 +156,11 @@ def _is_typical(prototype: Prototype, finding: Finding) -> bool:
     return bool(finding.distance[0] <= limit * max(prototype.typical, 1.))
 
 
+def _total_cost(found: Sequence[Finding]) -> float:
+    """Return the cost of hands together, of which one that is not found costs nothing."""
+    return float(sum(min(one.cost[0], 0.) for one in found))
+
+
 def _count_common(finding: Finding, rows: np.ndarray) -> int:
     """Return how many of the points `rows` are labelled as a hand's."""
     return int(np.isin(finding.rows[finding.rows >= 0], rows).sum())
@@ -400,7 +405,7 @@ class CloudLabeller:
         # The stronger the evidence on the sides, the harder the present hands are to replace.
         least = sum(finding.cost[0] + min(lead + OTHER_SIDE_LEAD, 0.) for finding, lead in present)
         if found is None or not (
-                sum(min(one.cost[0], 0.) for one in found) < least - TOGETHER_MARGIN):
+                _total_cost(found) < least - TOGETHER_MARGIN):
             return
         for hand in self._hands:
             hand.lose()
@@ -470,6 +475,25 @@ class CloudLabeller:
                            tuple(bool(one.cost[0] < np.inf) for one in best),
                            tuple(False for _ in best))
 
+    def frame_cost(self, points: ArrayLike, budget: int) -> float | None:
+        """Return the cost of the hands in a single frame, below 0 where any is found [variances].
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            In any order [m].
+        budget : int
+            Distances of points from markers that each search may take.
+
+        Returns
+        -------
+        float or None
+            None beyond the budget.
+        """
+        cloud = _with_hidden(points)[:-1]
+        found = self._found_together(cloud, np.isfinite(cloud).all(axis=1), budget)
+        return None if found is None else _total_cost(found)
+
     def _found_together(self, points: np.ndarray, free: np.ndarray,
                         budget: int) -> list[Finding] | None:
         """Search all hands jointly in a frame, at the least total cost; None beyond a budget.
@@ -493,7 +517,7 @@ class CloudLabeller:
                     if _is_typical(hand.statistics, alone):
                         found[i] = alone
                         left[alone.rows[alone.rows >= 0]] = False
-            total = sum(min(one.cost[0], 0.) for one in found)
+            total = _total_cost(found)
             if total < least:
                 least, best = total, found
         return best

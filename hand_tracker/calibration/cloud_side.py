@@ -1,0 +1,59 @@
+"""Side of the hands among points without names, by their shape in single frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.model.hand import BOTH, SIDES, Hand
+from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.point_labelling.cloud_labeller import CloudLabeller
+from ..core.point_labelling.natural_poses import model_prototype
+
+SEARCHED_CLOUDS = 7      # frames at most; ours
+EMPTY_CLOUDS = 2         # frames without a hand after which no more are searched; ours
+CLOUD_BUDGET = 40_000    # distances of points from markers that a search takes; ours
+FRAME_LEAD = 20.         # by which a frame may count for one of the hypotheses, at most; ours
+DECISIVE_LEAD = 30.      # of all frames together, after which no more are searched; ours
+SECOND_HAND_COST = 40.   # by which two hands must fit better than one; ours
+
+
+def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
+    """Return the probability that points are of a right hand, of a left one, or of both.
+
+    Parameters
+    ----------
+    clouds : ndarray, shape (T, n, 3)
+        With the paper's markers; NaN where a point is missing [m].
+
+    Returns
+    -------
+    dict of str to float
+        By 'right', 'left' and 'both'; together the share of searched frames that show a hand.
+    """
+    right = model_prototype(Hand.scaled(), MarkerLayout(), MARKERS)
+    left = right.mirrored()
+    labellers = {SIDES[0]: CloudLabeller([right]), SIDES[1]: CloudLabeller([left]),
+                 BOTH: CloudLabeller([right, left])}
+    counts = np.isfinite(clouds).all(axis=2).sum(axis=1)
+    usual = np.flatnonzero(counts >= np.median(counts)) if len(counts) else counts
+    frames = clouds[usual[np.unique(
+        np.linspace(0, len(usual) - 1, min(SEARCHED_CLOUDS, len(usual))).astype(int))]]
+    leads: list[np.ndarray] = []
+    searched = 0
+    for searched, frame in enumerate(frames, start=1):
+        cloud = frame[np.isfinite(frame).all(axis=1)].astype(float)
+        costs = np.array([labeller.frame_cost(cloud, CLOUD_BUDGET)
+                          for labeller in labellers.values()], dtype=float)
+        costs[-1] += SECOND_HAND_COST
+        # Too many points to be searched leave NaN.
+        if costs.min() < 0.:
+            leads.append(np.minimum(costs - costs.min(), FRAME_LEAD))
+        best, second = np.sort(np.sum(leads, axis=0))[:2] if leads else (0., 0.)
+        if second - best >= DECISIVE_LEAD or searched - len(leads) >= EMPTY_CLOUDS:
+            break
+    if not leads:
+        return dict.fromkeys(labellers, 0.)
+    # Frames of one take are no independent observations: the usual one counts.
+    odds = np.exp(-.5 * np.mean(leads, axis=0))
+    share = len(leads) / searched
+    return dict(zip(labellers, (share * odds / odds.sum()).tolist()))

@@ -1,0 +1,51 @@
+"""The side of points without names: found by shape, of one hand or two, and not where none is."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hand_tracker.calibration.cloud_side import side_likelihoods
+from hand_tracker.cli import inspect
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, SIDES
+from hand_tracker.files.point_recording import Axes, PointRecording
+from hand_tracker.files.recordings import write_recording
+from hand_tracker.simulation.packaged_recordings import demo_recording
+
+MOVING = demo_recording().markers[::90]
+AWAY = np.array((0., .35, .05))  # [m]
+
+
+def clouds(sides):
+    """Return points of the moving hands of some sides, apart, and four others, shuffled."""
+    hands = [MOVING * (LEFT_HAND_MIRROR if side == 'left' else 1.)
+             + (AWAY if side == 'left' else 0.) for side in sides]
+    others = np.random.default_rng(1).uniform(-.4, .4, (4, 3)) + MOVING[0].mean(axis=0)
+    points = np.concatenate([*hands, np.tile(others, (len(MOVING), 1, 1))], axis=1)
+    return np.array([np.random.default_rng(i).permutation(frame)
+                     for i, frame in enumerate(points)])
+
+
+@pytest.mark.parametrize('sides', [('right',), ('left',), SIDES])
+def test_the_side_is_found_by_shape(sides):
+    likelihoods = side_likelihoods(clouds(sides))
+    assert likelihoods['both' if len(sides) > 1 else sides[0]] > .9
+
+
+def test_points_of_no_hand_have_no_side():
+    points = np.random.default_rng(2).uniform(-1., 1., (9, 12, 3))
+    assert sum(side_likelihoods(points).values()) == 0.
+    assert sum(side_likelihoods(points[:0]).values()) == 0.
+
+
+@pytest.mark.parametrize('sides', [('right',), ('left',), SIDES])
+def test_inspect_proposes_the_command_for_the_side(sides, tmp_path, capsys):
+    points = clouds(sides).astype(np.float32)
+    write_recording(tmp_path / 'cloud.c3d', PointRecording(
+        'cloud', 'c3d', ('',) * points.shape[1], points, 120., None, Axes('m', 'z')))
+    assert inspect.main([str(tmp_path / 'cloud.c3d'), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {(one['name'], one['side']) for one in found['layouts']} == {
+        ('paper8', side) for side in sides}
+    asked = 'both' if len(sides) > 1 else sides[0]
+    assert found['next'].endswith(f'--side {asked} --labels none')
