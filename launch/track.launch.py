@@ -62,6 +62,12 @@ ARGUMENTS = (
     ArgumentRow('server', '', 'Address of the computer with Motive (natnet) or QTM (qualisys)'),
     ArgumentRow('subject', '',
                 'Rigid body, marker set or subject of the hand; empty: whatever there is'),
+    ArgumentRow('up', '',
+                "Axis that is up in the system's data: z, or y, which is turned upright; empty: as "
+                'Qualisys says, z of others'),
+    ArgumentRow('latency', '',
+                'Least time from exposure to receipt, for Qualisys: its stamps are earlier by it '
+                '[s]; empty: 0'),
     ArgumentRow('source_process', 'auto',
                 "Process of the client of natnet or qualisys: the tracker's, which answers "
                 "sooner, or its own; auto: the tracker's, but its own with lifecycle:=true or "

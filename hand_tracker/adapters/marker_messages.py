@@ -41,8 +41,9 @@ TAKEN_AS_THEY_ARE = {
     ('mocap4r2', 'rigid_bodies'): 'mocap4r2_rigid_bodies',
     ('landmarks', 'pose_array'): 'pose_array',
     ('landmarks', NAMED_POSE_MESSAGE): NAMED_POSE_MESSAGE}
+UP_AS_TOLD = 'auto'             # upward axis: as the source says, else z
 # Parameters of the source node with the values at which it does nothing to the points.
-UNCHANGED = {'subject': '', 'up': 'z', 'frame': SOURCE_FRAME}
+UNCHANGED = {'subject': ('',), 'up': (UP_AS_TOLD, 'z'), 'frame': (SOURCE_FRAME,)}
 USUAL_LANDMARKS = min(LANDMARK_MARKERS)   # of a MarkerArray
 
 
@@ -74,6 +75,6 @@ def direct_input(parameters: Mapping[str, Any]) -> DirectInput | None:
     if (source, message) == ('landmarks', 'marker_array'):
         taken = LANDMARKS_AS_MARKERS.get(parameters.get('landmarks', USUAL_LANDMARKS))
     if taken is None or any(
-            parameters.get(name, value) != value for name, value in UNCHANGED.items()):
+            parameters.get(name, values[0]) not in values for name, values in UNCHANGED.items()):
         return None
     return DirectInput(taken, parameters.get('topic') or USUAL_TOPICS[message])

@@ -82,9 +82,12 @@ class NatNetClient:
     ----------
     relay : Relay or None
         Receives once there was a frame of this model.
+    up : str
+        Upward axis of what is handed over, as far as the server says it; one of `UPRIGHT`.
     """
 
     relay: Relay | None = None
+    up = 'z'
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None], local: str = '',

@@ -23,7 +23,13 @@ from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
 from .packet_reception import Relay, receive
 from .packet_structure import PacketOrigin
-from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
+from .point_frame import (
+    UPRIGHT,
+    MalformedFrame,
+    SourceFrame,
+    SourceUnavailable,
+    point_frame,
+)
 from .qtm_packets import (
     DATA_HEADER,
     MILLIMETRE,
@@ -65,11 +71,12 @@ class QualisysClient:
 
     Attributes
     ----------
-    relay
+    relay, up
         As of `NatNetClient`.
     """
 
     relay: Relay | None = None
+    up = 'z'
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None],
@@ -117,14 +124,17 @@ class QualisysClient:
             xml = await connection.get_parameters(['3d'])
             if not isinstance(xml, bytes):
                 raise OSError('it answers with a frame where its parameters are asked for')
-            self._names = marker_labels(xml.decode(errors='replace'))
+            parameters = xml.decode(errors='replace')
+            self._names = marker_labels(parameters)
+            self._set_up(upward_axis(parameters))
             self._clock.reset()
             self._last, self._structure = -1, None
             packets: deque[bytes] = deque()
             await connection.stream_frames(
                 components=list(self._components), on_packet=packets.append)
             self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
-                                 f'{len(self._names)} named markers')
+                                 f'{len(self._names)} named markers'
+                                 + (f', {self.up} up' if self.up != 'z' else ''))
             self._is_logged = self._has_told_damage = False
             self._receive(protocol, packets, ended)
         except (OSError, asyncio.TimeoutError, HandTrackerError,
@@ -137,6 +147,14 @@ class QualisysClient:
             self._is_logged = True
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
+
+    def _set_up(self, axis: str) -> None:
+        """Turn what comes by QTM's upward axis, such as +Z, where it is one that can be turned."""
+        up = axis.removeprefix('+').lower()
+        self.up = up if up in UPRIGHT else 'z'
+        if axis and self.up != up:
+            self._on_news(True, f'QTM on {self._server}: {axis} is up; expected +Z or +Y: the '
+                                'hand is shown turned')
 
     def _receive(self, protocol: Any, packets: deque[bytes], ended: Event) -> None:
         """Receive frames until the connection ends, without asyncio, which takes longer.
@@ -244,4 +262,14 @@ def marker_labels(xml: str) -> tuple[str, ...]:
     """
     return tuple(label.findtext('Name', '').strip()
                  for label in parse_plain_xml(xml).iter('Label'))
+
+
+def upward_axis(xml: str) -> str:
+    """Return the upward axis of QTM's parameters of 3D, such as '+Z'; empty where it is not said.
+
+    Raises
+    ------
+    NotPlainXml
+    """
+    return next((axis.text or '' for axis in parse_plain_xml(xml).iter('AxisUpwards')), '').strip()
 

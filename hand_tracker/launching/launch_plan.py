@@ -197,10 +197,11 @@ class LaunchPlan:
         return self.in_file.get('wrist_frame', AUTO)
 
     @property
-    def source_parameters(self) -> dict[str, str]:
+    def source_parameters(self) -> dict[str, Any]:
         """Parameters of the source node that arguments set."""
-        return {name: self.given[name] for name in (
-            'source', 'topic', 'message', 'server', 'subject') if self.given[name]}
+        texts = ('source', 'topic', 'message', 'server', 'subject', 'up')
+        return {**{name: self.given[name] for name in texts if self.given[name]},
+                **({'latency': self.number('latency')} if self.given['latency'] else {})}
 
     @property
     def marker_topic(self) -> str:

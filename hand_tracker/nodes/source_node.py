@@ -33,6 +33,7 @@ from ..adapters.marker_messages import (
     FIRST,
     MESSAGES_OF,
     SERVED,
+    UP_AS_TOLD,
     USUAL_LANDMARKS,
     USUAL_TOPICS,
 )
@@ -90,8 +91,8 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('layout', '', "Markers that are worn, as the tracker's: their names get its ids"),
     Parameter('hand_file', '', 'Hand file with the markers that are worn, where layout is empty'),
     Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
-    Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",
-              choices=tuple(UPRIGHT)),
+    Parameter('up', UP_AS_TOLD, "Axis that is up in the source's data, of which y is turned "
+              'upright; auto: as Qualisys says, z of others', choices=(UP_AS_TOLD, *UPRIGHT)),
 ))
 
 
@@ -215,8 +216,11 @@ class SourceNode(Node):
         values = self._values
         if values['subject']:
             frame = of_subject(frame, values['subject'])
-        if values['up'] != 'z':
-            frame = turned_upright(frame, values['up'])
+        up = values['up']
+        if up == UP_AS_TOLD:
+            up = self._client.up if self._client is not None else 'z'
+        if up != 'z':
+            frame = turned_upright(frame, up)
         if not frame.frame_id:
             frame = frame._replace(frame_id=values['frame'])
         stamp = self.get_clock().now().to_msg() if frame.stamp is None else frame.stamp

@@ -60,6 +60,27 @@ def test_named_markers_and_anonymous_points_are_read(ending):
     assert news == [(False, f'QTM on 127.0.0.1 streams {named}, {anonymous}, 2 named markers')]
 
 
+@pytest.mark.parametrize('said, up, news', [
+    ('+Z', 'z', [(False, 'named markers')]), ('+Y', 'y', [(False, 'named markers, y up')]),
+    ('-Z', 'z', [(True, '-Z is up; expected +Z or +Y'), (False, 'named markers')]),
+    ('', 'z', [(False, 'named markers')])])
+def test_the_upward_axis_is_what_qtm_says(said, up, news):
+    clients = []
+
+    def make(on_frame, tell):
+        clients.append(QualisysClient('127.0.0.1', on_frame, tell, port=server.port))
+        return clients[0]
+
+    with QtmServer(LABELS, up=said) as server, receiving_client(make) as (_, logged):
+        wait(lambda: server.streams)
+        server.send(data_packet(1, 5000, {'3d': []}))
+        wait(lambda: len(logged) == len(news))
+    assert clients[0].up == up
+    assert [is_warning for is_warning, _ in logged] == [is_warning for is_warning, _ in news]
+    assert all(part in text for (_, text), (_, part) in zip(logged, news))
+    assert logged[-1][1].endswith(news[-1][1])
+
+
 def test_packets_in_pieces_repeated_and_lost():
     with QtmServer(LABELS) as server, receiving(server) as (frames, _):
         wait(lambda: server.streams)

@@ -35,16 +35,16 @@ def data_packet(number, microseconds, components):
     return packet(QTM_DATA, struct.pack('<qII', microseconds, number, len(components)) + parts)
 
 
-def parameters(labels):
+def parameters(labels, up='+Z'):
     """Return the XML of the 3D settings, as QTM 2024 has it."""
-    return ('<QTM_Parameters_Ver_1.25><The_3D><AxisUpwards>+Z</AxisUpwards><Labels>'
+    return (f'<QTM_Parameters_Ver_1.25><The_3D><AxisUpwards>{up}</AxisUpwards><Labels>'
             f'{len(labels)}</Labels>' + ''.join(
                 f'<Label><Name>{label}</Name><RGBColor>65280</RGBColor></Label>'
                 for label in labels) + '</The_3D></QTM_Parameters_Ver_1.25>\0').encode()
 
 
-def parameters_packet(labels):
-    return packet(QTM_XML, parameters(labels))
+def parameters_packet(labels, up='+Z'):
+    return packet(QTM_XML, parameters(labels, up))
 
 
 class QtmServer:
@@ -55,10 +55,12 @@ class QtmServer:
     labels : sequence of str
     port : int, optional
         Any that is free when left out.
+    up : str, optional
+        Its upward axis.
     """
 
-    def __init__(self, labels, port=0):
-        self.parameters, self.port = parameters_packet(labels), port
+    def __init__(self, labels, port=0, up='+Z'):
+        self.parameters, self.port = parameters_packet(labels, up), port
         self.commands = []
         self.streams = []
         self._ready = Event()

@@ -16,8 +16,8 @@ from hand_tracker.launching.launch_plan import (
 LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
 LAUNCH_DEFAULTS = {
     **dict.fromkeys((
-        'topic', 'message', 'server', 'subject', 'hand', 'layout', 'left_hand', 'namespace',
-        'parameters', 'robot', 'robot_description', 'left_robot', 'left_robot_description',
+        'topic', 'message', 'server', 'subject', 'up', 'latency', 'hand', 'layout', 'left_hand',
+        'namespace', 'parameters', 'robot', 'robot_description', 'left_robot', 'left_robot_description',
         'outputs', 'body_frame', 'mount', 'left_body_frame', 'left_mount', 'keystore'), ''),
     'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
     'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
@@ -71,6 +71,18 @@ def test_a_source_knows_the_markers_that_are_worn():
     assert plan.own_source_parameters == {
         'source': 'mocap4r2', 'subject': 'RHand', 'side': 'left', 'layout': 'kyutech23',
         'hand_file': ''}
+
+
+def test_a_source_is_told_its_upward_axis_and_its_latency():
+    plan = plan_of(source='qualisys', up='y', latency='0.004')
+    assert plan.has_source
+    assert {name: plan.tracker_parameters[name] for name in ('up', 'latency')} == {
+        'up': 'y', 'latency': .004}
+    # Points that are turned need a source node.
+    assert plan_of(source='point_cloud', up='z').direct
+    assert not plan_of(source='point_cloud', up='y').direct
+    with pytest.raises(InvalidLaunch, match="latency: 'much'; expected a number"):
+        plan_of(source='qualisys', latency='much')
 
 
 def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):

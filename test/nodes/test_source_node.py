@@ -21,7 +21,7 @@ from teleop_ros2_interfaces.msg import NamedPoseArray
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.adapters.natnet_client import NatNetClient
-from hand_tracker.adapters.point_frame import SourceUnavailable
+from hand_tracker.adapters.point_frame import UPRIGHT, SourceUnavailable
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages.labels import LabelMap
@@ -183,9 +183,12 @@ def test_a_client_with_a_fault_begins_anew(monkeypatch, capfd):
     assert said.count('begun anew after a fault') == 1 and "RuntimeError: bug" in said
 
 
-def test_qtm_comes_out_as_markers():
-    with QtmServer(MARKERS) as server, source(
-            source='qualisys', server='127.0.0.1', port=server.port) as (_, watch):
+@pytest.mark.parametrize('said, asked, turn', [
+    ('+Z', {}, np.eye(3)), ('+Y', {}, UPRIGHT['y']), ('+Y', {'up': 'z'}, np.eye(3)),
+    ('+Z', {'up': 'y'}, UPRIGHT['y'])])
+def test_qtm_comes_out_as_markers_with_z_up(said, asked, turn):
+    with QtmServer(MARKERS, up=said) as server, source(
+            source='qualisys', server='127.0.0.1', port=server.port, **asked) as (_, watch):
         found = watch.collect(MarkerArray, '/source/markers')
         number = iter(range(1, 10**6))
 
@@ -196,7 +199,7 @@ def test_qtm_comes_out_as_markers():
 
         watch.repeat(send, lambda: found)
     frame = markers_from_message(found[-1], LabelMap())
-    np.testing.assert_allclose(frame.positions, PLACES, rtol=1e-6)
+    np.testing.assert_allclose(frame.positions, PLACES @ turn.T, rtol=1e-6)
 
 
 def test_the_messages_are_those_that_rclpy_writes():

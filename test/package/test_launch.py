@@ -64,8 +64,9 @@ CHOICES = {
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
-        'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore',
-        'body_frame', 'mount', 'left_body_frame', 'left_mount', 'outputs'}
+        'server', 'subject', 'up', 'latency', 'left_hand', 'left_robot',
+        'left_robot_description', 'keystore', 'body_frame', 'mount', 'left_body_frame',
+        'left_mount', 'outputs'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
