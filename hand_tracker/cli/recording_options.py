@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from ..tracking.point_bag import PointBag
     from ..tracking.recording import MarkerReading
 
+URL_START = re.compile('[a-z][a-z0-9+.]+:/')
 ROBOT_SUFFIXES = ('.urdf', '.xml', '.yaml', '.yml')
 
 
@@ -358,6 +360,9 @@ def require_inputs(options: argparse.Namespace) -> None:
                          (files, 'No such file or directory')):
         for path in paths:
             if path and isinstance(path, (str, Path)) and not Path(path).exists():
+                # A path has one slash where the URL had two.
+                if URL_START.match(str(path)):
+                    fault = 'is elsewhere; hand_tracker track alone reads URLs: copy it here first'
                 raise HandTrackerError(f'{path}: {fault}')
 
 

@@ -141,7 +141,7 @@ def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> st
 
 def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: ClockAlignment,
                     times: np.ndarray) -> str:
-    """Return the number of the body's frames that a hand's recording covers, as text.
+    """Return in words which of the body's frames a hand's recording covers.
 
     Raises
     ------
@@ -152,7 +152,9 @@ def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: Cl
     if not inside.any():
         raise HandTrackerError(f'{side} hand: at an offset of {alignment.offset:g} s no frame of '
                                f'{body} is in its recording')
-    return f'{inside.sum()} of {len(inside)} frames'
+    if inside.all():
+        return f'all {len(inside)} frames'
+    return f'{inside.sum()} of {len(inside)} frames, as first and last seen on the others'
 
 
 def _placed(options: argparse.Namespace, body: Any,
@@ -176,8 +178,7 @@ def _placed(options: argparse.Namespace, body: Any,
         how = (f'the wrists turn alike within {np.degrees(mount.spread):.1f} degrees'
                if mount.is_fitted else 'wrist straight with the forearm at rest, as its turn '
                'cannot be told from the recordings')
-        print(f'{place.side} hand: {how}; on {covered}, as first and last seen on the others',
-              file=sys.stderr)
+        print(f'{place.side} hand: {how}; on {covered}', file=sys.stderr)
         hands.append(SplicedHand(place, motion, alignment, mount))
     return hands, unit
 

@@ -4,6 +4,7 @@ import fsspec
 import pytest
 from helpers.point_files import hand_recording
 
+from hand_tracker.__main__ import main as hand_tracker
 from hand_tracker.cli.track import main
 from hand_tracker.files.recordings import write_recording
 from hand_tracker.files.remote_files import RemoteFileError, Url, local_copy, located, matching
@@ -46,3 +47,11 @@ def test_what_is_not_there_is_named(store):
     with pytest.raises(RemoteFileError, match='nosuch://a'):
         with local_copy(Url('nosuch://a')):
             pass
+
+
+@pytest.mark.parametrize('command', [
+    ['inspect', 'memory://takes/take.c3d'], ['convert', 's3://takes/take.c3d', 'take.csv'],
+    ['plot', 'file:///takes/take.c3d', '-o', 'take.pdf']])
+def test_commands_that_read_no_urls_say_so(command, capsys):
+    assert hand_tracker(command) == 1
+    assert 'is elsewhere; hand_tracker track alone reads URLs' in capsys.readouterr().err

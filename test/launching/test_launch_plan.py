@@ -17,8 +17,9 @@ LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
 LAUNCH_DEFAULTS = {
     **dict.fromkeys((
         'topic', 'message', 'server', 'subject', 'up', 'latency', 'hand', 'layout', 'left_hand',
-        'namespace', 'parameters', 'robot', 'robot_description', 'left_robot', 'left_robot_description',
-        'outputs', 'body_frame', 'mount', 'left_body_frame', 'left_mount', 'keystore'), ''),
+        'namespace', 'parameters', 'robot', 'robot_description', 'left_robot',
+        'left_robot_description', 'outputs', 'body_frame', 'mount', 'left_body_frame',
+        'left_mount', 'keystore'), ''),
     'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
     'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
     'rviz': 'false', 'show_robot': 'auto', 'robot_process': 'own', 'use_sim_time': 'false',
