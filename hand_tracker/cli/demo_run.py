@@ -37,7 +37,7 @@ from .demo_robot import DrivenRobot
 from .recording_options import WornHand
 
 LINE_EVERY = .5  # [s] between live lines
-TOLD_SHARE = .01  # of the frames that are missing, from which on that is explained
+EXPLAINED_SHARE = .01  # of the frames that are missing, from which on that is explained
 LAG = .5         # [s] without a message, after which no more comes
 
 
@@ -244,7 +244,7 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
                  else 'the palm was first seen')
         yield f'{before} of the frames came before {event}'
     left_out, count = listener.left_out()
-    if 0 < left_out <= TOLD_SHARE * count:
+    if 0 < left_out <= EXPLAINED_SHARE * count:
         yield (f'{left_out} of {count} frames were left out, as newer ones had come before they '
                'were tracked')
     elif left_out:
@@ -252,7 +252,7 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
                  if jit.DEFERRED and not listener.is_anonymous else 'this machine had other work')
         yield (f'{left_out} of {count} frames were left out, as {cause}: run it again, and more '
                'are answered.')
-    if frame_count - frames > TOLD_SHARE * frame_count:
+    if frame_count - frames > EXPLAINED_SHARE * frame_count:
         yield (f'{frame_count - frames} of the frames played were not heard here, by the program '
                'that draws: it had no turn on this machine.')
 

@@ -21,6 +21,9 @@ MAX_TEXT_BYTES = 2**33     # of a file, unpacked
 GZIP_MAGIC = b'\x1f\x8b'
 CELL_SHOWN = 24            # characters of a bad cell in a message
 TIME_ROUNDING = 1e-5       # [s]; five decimals are usual
+# Of cameras and their clocks, with much to spare.
+HIGHEST_RATE = 1e6         # [Hz]
+LATEST_TIME = 1e13         # [s]
 
 
 @contextmanager
@@ -364,7 +367,9 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
         raise table.fault('no frames; expected rows of numbers')
     labels, points = buffer.finish()
     seconds = np.concatenate(times) if times else np.empty(0)
-    is_increasing = len(seconds) > 1 and bool((np.diff(seconds) > 0.).all())
+    # Damaged numbers may be any, as no clock shows them.
+    is_increasing = (len(seconds) > 1 and bool(np.abs(seconds).max() < LATEST_TIME)
+                     and bool((np.diff(seconds) > 0.).all()))
     return TablePoints(labels, points, seconds if is_increasing else None, note)
 
 
@@ -411,13 +416,14 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
     Parameters
     ----------
     rate : float
-        [Hz]
+        NaN, or a number that is no camera's, where there is none [Hz].
     times : ndarray, shape (T,), or None
         [s]
     """
-    if np.isfinite(rate) and rate > 0.:
+    if 0. < rate <= HIGHEST_RATE:
         return rate
-    return float(1. / np.median(np.diff(times))) if times is not None else np.nan
+    step = float(np.median(np.diff(times))) if times is not None else np.nan
+    return 1. / step if step * HIGHEST_RATE >= 1. else np.nan
 
 
 def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:
@@ -444,7 +450,7 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
     if not periods.all():
         return known, times
     steps = np.concatenate(([0.], np.cumsum(periods)))
-    if not (np.isfinite(rate) and rate > 0.):
+    if known != rate:
         known = float(steps[-1] / (times[-1] - times[0]))
     even = times[0] + steps / known
     return known, even if np.abs(even - times).max() <= TIME_ROUNDING else times

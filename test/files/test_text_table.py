@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.point_files import hand_recording
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hand_tracker.files.recordings import read_recording, write_recording
 from hand_tracker.files.text_table import frame_times
 
 
@@ -31,3 +33,15 @@ def test_without_times_the_rate_is_the_headers():
     assert frame_times(120., None) == (120., None)
     rate, times = frame_times(np.nan, None)
     assert np.isnan(rate) and times is None
+
+
+@pytest.mark.parametrize('time', ['inf', '1e308', '-1e308'])
+def test_a_time_that_no_clock_shows_makes_the_frames_even(time, tmp_path):
+    path = tmp_path / 'take.trc'
+    write_recording(path, hand_recording(10))
+    lines = path.read_text().splitlines()
+    cells = lines[-1 if time[0] != '-' else -10].split('\t')
+    lines[lines.index('\t'.join(cells))] = '\t'.join((cells[0], time, *cells[2:]))
+    path.write_text('\n'.join(lines) + '\n')
+    read = read_recording(path)
+    assert read.stamps is None and read.rate == 120. and len(read.points) == 10
