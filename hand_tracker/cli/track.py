@@ -37,8 +37,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     add_recording_options(parser, several=True, both=True, located=located)
     parser.add_argument('-o', '--output', type=located, required=True, metavar='OUT',
                         help='table of angles (.csv), recording of /joint_states (.mcap, .db3), '
-                        'skeleton in motion (.bvh; .glb: with skin), joint centres (.trc, .c3d); '
-                        'for several recordings the folder of such; also a URL, as s3://...')
+                        'skeleton in motion (.bvh; .glb: with skin), joint centres (.trc, .c3d), '
+                        'of one hand or both (--side both); for several recordings the folder of '
+                        'such; also a URL, as s3://...')
     parser.add_argument('--format', choices=[kind[1:] for kind in TRACKED_KINDS],
                         help='of the files in a folder OUT, for one recording too; default: csv')
     parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',

@@ -21,7 +21,7 @@ from ..progress import Progress
 from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import save, save_hands
-from ..tracking.save_motion import collect_frames, save_motion
+from ..tracking.save_motion import collect_frames, collect_hands, save_motion
 from .tracking_job import ProgressMaker, tracked_hands, tracked_recording
 
 ALREADY_THERE = 'already there'
@@ -75,15 +75,16 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     refuse_to_replace(options.recording, output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
     if options.side == BOTH:
-        if output.suffix not in OUTPUT_KINDS:
-            raise BagError(f'{output}: a {output.suffix} file has one hand; expected '
-                           f'{", ".join(OUTPUT_KINDS)} with --side both')
         with (tracked_hands(options, interrupted, progress) as (job, of_hands),
               interrupted.only_noted()):
-            prefixes = [f'{side}_' for side in SIDES]
-            save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
-                                for frames in of_hands), prefixes,
-                       prefixes if options.wrist else ())
+            if output.suffix in OUTPUT_KINDS:
+                prefixes = [f'{side}_' for side in SIDES]
+                save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
+                                    for frames in of_hands), prefixes,
+                           prefixes if options.wrist else ())
+            else:
+                both = collect_hands(of_hands, lambda: job.hands)
+                save_motion(output, both, options.names, options.order)
     else:
         with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
               interrupted.only_noted()):

@@ -64,7 +64,7 @@ class TrackingJob:
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
         self._progress = progress(bag.counts[topic], 'frames')
         self._monitors: dict[str, Monitor] = {}  # by hand
-        self._trackers: list[HandTracker] = []
+        self._trackers: dict[str, HandTracker] = {}
         self._has_labels = True
         self._palms: Counter[str] = Counter()    # frames that show the palm, by hand
         self._misfits: Counter[str] = Counter()  # and in which the markers are of no such hand
@@ -72,8 +72,14 @@ class TrackingJob:
     @property
     def hand(self) -> Hand:
         """The hand with which the last frame was tracked: its size may have been learned."""
+        hand, *_ = self.hands.values()
+        return hand
+
+    @property
+    def hands(self) -> dict[str, Hand]:
+        """The hands with which the last frame was tracked, by their names."""
         assert self._trackers, 'no frame was asked for yet'
-        return self._trackers[0].hand
+        return {name: tracker.hand for name, tracker in self._trackers.items()}
 
     def say(self, note: str) -> None:
         """Print a note on the recording."""
@@ -88,7 +94,7 @@ class TrackingJob:
     def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, MarkerReading]],
                         auto_size: bool) -> Iterator[dict[str, RecordedFrame]]:
         """Yield the tracked frames of several hands, by their names."""
-        self._trackers = [tracker for tracker, _ in hands.values()]
+        self._trackers = {name: tracker for name, (tracker, _) in hands.items()}
         point_labels = PointLabels()
         names = FILE_OPTION_NAMES if isinstance(self._bag, PointBag) else BAG_OPTION_NAMES
         self._has_labels = all(reading.has_labels for _, reading in hands.values())

@@ -35,12 +35,14 @@ class BoundMesh(NamedTuple):
         Joints that move each vertex.
     weights : ndarray, shape (V, 4)
         Of these joints; each row sums to 1.
+    name : str
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     joints: np.ndarray
     weights: np.ndarray
+    name: str = 'skin'
 
 
 def strongest_influences(weights: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,14 +108,15 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def write_glb(path: Path, motion: SkeletonMotion, mesh: BoundMesh | None = None) -> None:
-    """Write a skeleton's motion, and a skin that follows it: metres, y up.
+def write_glb(path: Path, motion: SkeletonMotion, *meshes: BoundMesh) -> None:
+    """Write a skeleton's motion, and the skins that follow it: metres, y up.
 
     Parameters
     ----------
     path : Path
     motion : SkeletonMotion
-    mesh : BoundMesh, optional
+    *meshes : BoundMesh
+        Each is an object of its own.
 
     Raises
     ------
@@ -121,7 +124,7 @@ def write_glb(path: Path, motion: SkeletonMotion, mesh: BoundMesh | None = None)
         If there is a skin on more than `MAX_SKIN_JOINTS` joints.
     """
     count = len(motion.names)
-    if mesh is not None and count > MAX_SKIN_JOINTS:
+    if meshes and count > MAX_SKIN_JOINTS:
         raise RecordingError(f'{path}: a skin on {count} joints; expected {MAX_SKIN_JOINTS} at '
                              'most')
     buffer = _Buffer()
@@ -139,9 +142,10 @@ def write_glb(path: Path, motion: SkeletonMotion, mesh: BoundMesh | None = None)
         'asset': {'version': '2.0', 'generator': 'hand_tracker'}, 'scene': 0,
         'scenes': [{'nodes': roots}], 'nodes': nodes,
         'animations': [_animation(motion, buffer)]}
-    if mesh is not None:
-        roots.append(len(nodes))
-        nodes.append({'name': 'skin', 'mesh': 0, 'skin': 0})
+    if meshes:
+        for number, mesh in enumerate(meshes):
+            roots.append(len(nodes))
+            nodes.append({'name': mesh.name, 'mesh': number, 'skin': 0})
         origins = np.zeros((count, 3))
         for joint, parent in enumerate(motion.parents):
             if parent >= 0:
@@ -151,7 +155,8 @@ def write_glb(path: Path, motion: SkeletonMotion, mesh: BoundMesh | None = None)
         document['skins'] = [{'joints': list(range(count)), 'skeleton': 0,
                               'inverseBindMatrices': buffer.add(
                                   inverse.reshape(count, 16), 'MAT4')}]
-        document['meshes'] = [{'name': 'skin', 'primitives': [_primitive(mesh, buffer)]}]
+        document['meshes'] = [{'name': mesh.name, 'primitives': [_primitive(mesh, buffer)]}
+                              for mesh in meshes]
         document['materials'] = [{'name': 'skin', 'pbrMetallicRoughness': {
             'baseColorFactor': list(SKIN_COLOUR), 'metallicFactor': 0., 'roughnessFactor': .7}}]
     document |= {'buffers': [{'byteLength': len(buffer.data)}], 'bufferViews': buffer.views,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ ORDINALS = {'thumb': 'First', 'index': 'Second', 'middle': 'Third', 'ring': 'Fou
 T_POSE_TURN = {'left': np.eye(3), 'right': np.diag((-1., 1., -1.))}
 POSES_AT_ONCE = 2**12
 SINGLE_FRAME = .01         # [s] that a motion of one frame lasts
+HANDS_ROOT = 'hands'       # above the wrists of both hands
 
 
 class SkeletonMotion(NamedTuple):
@@ -92,13 +93,36 @@ class HandAngles(NamedTuple):
     times: np.ndarray
 
 
+class TrackedHands(NamedTuple):
+    """Both hands of a recording: each in those of its frames in which it was tracked.
+
+    Attributes
+    ----------
+    hands : tuple of HandAngles
+        Each of them may have no frame.
+    rows : tuple of ndarray of int
+        Of each hand the place of its frames among all frames.
+    times : ndarray, shape (T,)
+        Of the frames that have one hand or more [s].
+    """
+
+    hands: tuple[HandAngles, ...]
+    rows: tuple[np.ndarray, ...]
+    times: np.ndarray
+
+
 def usual_step(times: np.ndarray) -> float:
     """Return the usual time between two frames [s]."""
     return float(np.median(np.diff(times))) if len(times) > 1 else SINGLE_FRAME
 
 
 def resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
-    """Return a tracked hand at other times within its own."""
+    """Return a tracked hand at other times within its own, those of one frame everywhere."""
+    if len(own) == 1:
+        rest = np.zeros(len(times), dtype=int)
+        return tracked._replace(
+            angles=tracked.angles[rest], wrist_rotation=tracked.wrist_rotation[rest],
+            wrist_position=tracked.wrist_position[rest], times=times)
     # Here, as it takes a while, and few files need it.
     from scipy.spatial.transform import Rotation, Slerp
 
@@ -122,6 +146,35 @@ def evenly_timed(tracked: HandAngles) -> HandAngles:
     if count == len(rows):
         return tracked
     return resampled_hand(tracked, tracked.times, np.interp(np.arange(count), rows, tracked.times))
+
+
+def completed_hands(tracked: TrackedHands, evenly: bool = False) -> list[HandAngles]:
+    """Return the hands that were tracked at all, each with a pose in every frame.
+
+    A hand that a frame has not is between its poses before and after; in front of the first and
+    behind the last it rests.
+
+    Parameters
+    ----------
+    tracked : TrackedHands
+    evenly : bool, optional
+        Whether there are frames between those that have no hand, too, see `evenly_timed`.
+
+    Returns
+    -------
+    list of HandAngles
+    """
+    steps = even_rows(tracked.times) if len(tracked.times) > 1 else np.zeros(1, dtype=int)
+    frames = np.arange(int(steps[-1]) + 1) if evenly else steps
+    times = np.interp(frames, steps, tracked.times)
+    found = []
+    for hand, rows in zip(tracked.hands, tracked.rows):
+        if len(rows):
+            # By frames and not by times, which may jump back.
+            own = steps[rows]
+            inside = np.clip(frames, own[0], own[-1])
+            found.append(resampled_hand(hand, own, inside)._replace(times=times))
+    return found
 
 
 def t_pose_turn(side: str) -> np.ndarray:
@@ -220,6 +273,65 @@ def skeleton_motion(tracked: HandAngles, naming: str = NAMINGS[0]) -> SkeletonMo
         tracked.times - tracked.times[:1])
 
 
+def joined_skeletons(body: SkeletonMotion, others: Sequence[SkeletonMotion]) -> SkeletonMotion:
+    """Return skeletons below the root of another one, which rests, as one skeleton.
+
+    Parameters
+    ----------
+    body : SkeletonMotion
+        Its joints come first.
+    others : sequence of SkeletonMotion
+        At the same times. Their roots move in that of the body, and stand in its T-pose in the
+        middle of where they go.
+
+    Returns
+    -------
+    SkeletonMotion
+    """
+    names, parents = list(body.names), list(body.parents)
+    offsets, turns = [body.offsets], [body.rotation]
+    ends, translations = dict(body.ends), dict(body.translations)
+    for motion in others:
+        first = len(names)
+        names += motion.names
+        parents += [0, *(first + parent for parent in motion.parents[1:])]
+        translations[first] = motion.root_position
+        offsets += [np.median(motion.root_position, axis=0, keepdims=True), motion.offsets[1:]]
+        ends |= {first + joint: end for joint, end in motion.ends.items()}
+        turns.append(motion.rotation)
+    return body._replace(
+        names=tuple(names), parents=tuple(parents), offsets=np.concatenate(offsets), ends=ends,
+        rotation=np.concatenate(turns, axis=1), translations=translations)
+
+
+def resting_root(name: str, times: np.ndarray) -> SkeletonMotion:
+    """Return a skeleton of one joint that stays at the origin."""
+    return SkeletonMotion((name,), (-1,), np.zeros((1, 3)), {}, np.zeros((len(times), 3)),
+                          np.tile((0., 0., 0., 1.), (len(times), 1, 1)), times - times[:1])
+
+
+def hands_motion(tracked: TrackedHands, naming: str = NAMINGS[0],
+                 evenly: bool = False) -> SkeletonMotion:
+    """Return both hands as one skeleton in motion: their wrists below a root in the origin.
+
+    Parameters
+    ----------
+    tracked : TrackedHands
+        A hand that was never tracked is left out.
+    naming : str, optional
+        One of `NAMINGS`.
+    evenly : bool, optional
+        See `completed_hands`.
+
+    Returns
+    -------
+    SkeletonMotion
+    """
+    hands = completed_hands(tracked, evenly)
+    return joined_skeletons(resting_root(HANDS_ROOT, hands[0].times),
+                            [skeleton_motion(hand, naming) for hand in hands])
+
+
 def joint_centres(tracked: HandAngles, name: str) -> PointRecording:
     """Return the joint centres and tips of a tracked hand as a recording of points.
 
@@ -251,6 +363,33 @@ def joint_centres(tracked: HandAngles, name: str) -> PointRecording:
     stamps = tracked.times - tracked.times[0] if len(points) else None
     return PointRecording(name, 'tracked hand', tuple(f'{hand.side}_{label}' for label in labels),
                           points, 1. / usual_step(tracked.times), stamps, Axes('m', 'z'), (), True)
+
+
+def hands_centres(tracked: TrackedHands, name: str) -> PointRecording:
+    """Return the joint centres and tips of both hands as a recording of points.
+
+    Parameters
+    ----------
+    tracked : TrackedHands
+    name : str
+        Of the recording.
+
+    Returns
+    -------
+    PointRecording
+        NaN in frames in which a hand was not tracked.
+    """
+    labels: list[str] = []
+    points = []
+    for hand, rows in zip(tracked.hands, tracked.rows):
+        one = joint_centres(hand, name)
+        found = np.full((len(tracked.times), *one.points.shape[1:]), np.nan, dtype=np.float32)
+        found[rows] = one.points
+        labels += one.labels
+        points.append(found)
+    return PointRecording(
+        name, 'tracked hands', tuple(labels), np.concatenate(points, axis=1),
+        1. / usual_step(tracked.times), tracked.times - tracked.times[0], Axes('m', 'z'), (), True)
 
 
 def _skeleton_pose(pose: Pose) -> Pose:

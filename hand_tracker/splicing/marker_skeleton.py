@@ -12,11 +12,12 @@ from ..files.point_recording import ROTATIONS, PointRecording, unique_labels
 from ..files.skeleton_motion import (
     HandAngles,
     SkeletonMotion,
+    joined_skeletons,
     resampled_hand,
+    resting_root,
     skeleton_motion,
 )
-from ..skin.load import load_skin
-from ..tracking.save_motion import bound_mesh
+from ..tracking.save_motion import placed_skin
 from .clock_alignment import ClockAlignment
 from .spliced_points import ASSUMED_BODY_RATE, World
 
@@ -48,38 +49,25 @@ def marker_skeleton(body: PointRecording, hands: Sequence[tuple[HandAngles, Cloc
     """
     to_y_up = np.array(ROTATIONS['y'], dtype=float).T
     times = body.times(ASSUMED_BODY_RATE)
-    names, parents, offsets = [ROOT_NAME], [-1], [np.zeros((1, 3))]
-    ends: dict[int, np.ndarray] = {}
-    translations: dict[int, np.ndarray] = {}
-    turns = [np.tile((0., 0., 0., 1.), (len(times), 1, 1))]
+    markers = []
     for column in np.flatnonzero([bool(label) for label in body.labels]).tolist():
         points = body.points[:, column].astype(float)
         seen = np.isfinite(points).all(axis=1)
         if not seen.any():
             continue
         path = np.stack([np.interp(times, times[seen], axis) for axis in points[seen].T], axis=1)
-        translations[len(names)] = path @ to_y_up.T
-        offsets.append(np.median(translations[len(names)], axis=0, keepdims=True))
-        names.append(body.labels[column])
-        parents.append(0)
-        turns.append(turns[0])
+        markers.append(resting_root(body.labels[column], times)._replace(
+            root_position=path @ to_y_up.T))
+    motions = []
     for tracked, alignment, world in hands:
         own = tracked.times - tracked.times[0]
         hand = resampled_hand(tracked, own, np.clip(
             alignment.hand_times(times), own[0], own[-1]))
-        motion = skeleton_motion(hand._replace(
+        motions.append(skeleton_motion(hand._replace(
             wrist_rotation=world.rotation @ hand.wrist_rotation,
-            wrist_position=hand.wrist_position @ world.rotation.T + world.origin), naming)
-        first = len(names)
-        names += motion.names
-        parents += [0, *(first + parent for parent in motion.parents[1:])]
-        translations[first] = motion.root_position
-        offsets += [np.median(motion.root_position, axis=0, keepdims=True), motion.offsets[1:]]
-        ends |= {first + joint: end for joint, end in motion.ends.items()}
-        turns.append(motion.rotation)
-    return SkeletonMotion(
-        unique_labels(names)[0], tuple(parents), np.concatenate(offsets), ends,
-        np.zeros((len(times), 3)), np.concatenate(turns, axis=1), times - times[0], translations)
+            wrist_position=hand.wrist_position @ world.rotation.T + world.origin), naming))
+    joined = joined_skeletons(resting_root(ROOT_NAME, times), [*markers, *motions])
+    return joined._replace(names=unique_labels(joined.names)[0])
 
 
 def marker_mesh(skeleton: SkeletonMotion, hands: Sequence[HandAngles]) -> BoundMesh:
@@ -103,7 +91,5 @@ def marker_mesh(skeleton: SkeletonMotion, hands: Sequence[HandAngles]) -> BoundM
         ball = ball_mesh(skeleton.offsets[joint], MARKER_RADIUS, WHITE)
         meshes.append(rigid_mesh(ball.vertices, ball.faces, joint))
     for wrist, tracked in zip(wrists, hands):
-        skin = bound_mesh(load_skin(tracked.hand), tracked.hand.side)
-        meshes.append(skin._replace(vertices=skeleton.offsets[wrist] + skin.vertices,
-                                    joints=wrist + skin.joints))
+        meshes.append(placed_skin(tracked.hand, skeleton, wrist))
     return joined_meshes(meshes)

@@ -35,6 +35,7 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 from hand_tracker.files.hand_file import save_hand
+from hand_tracker.files.recordings import read_recording
 from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.progress import Progress
@@ -165,6 +166,25 @@ def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
         [expected[side][0].angles for side in SIDES]))
     assert [[sent.child_frame_id for sent in sent_together] for sent_together in transforms] == [
         ['right_wrist', 'left_wrist'][:1 + bool(left)] for left in seen['left']]
+    # The same hands as joint centres and as skeletons.
+    centres = tmp_path / 'out.c3d', tmp_path / 'out.trc'
+    for path in centres:
+        assert main([*arguments, str(path)]) == 0
+        found = read_recording(path)
+        for side, states in expected.items():
+            wrist = found.points[:, found.labels.index(f'{side}_wrist')]
+            assert np.array_equal(np.isfinite(wrist).all(axis=1), seen[side])
+            assert np.allclose(wrist[seen[side]], [state.wrist_position for state in states],
+                               rtol=0, atol=1e-5)
+    bvh, glb = tmp_path / 'out.bvh', tmp_path / 'out.glb'
+    assert main([*arguments, str(bvh), '--names', 'mixamo', '--order', 'XYZ']) == 0
+    found = read_recording(bvh)
+    for side, states in expected.items():
+        wrist = found.points[:, found.labels.index(f'mixamorig:{side.title()}Hand')]
+        assert np.allclose(.01 * wrist[seen[side]], [state.wrist_position for state in states],
+                           rtol=0, atol=1e-5)
+    assert main([*arguments, str(glb), '--names', 'mixamo']) == 0
+    assert b'mixamorig:LeftHandThumb3' in glb.read_bytes()
 
 
 def test_both_hands_are_found_among_points_without_labels(tmp_path, capsys):
@@ -485,7 +505,6 @@ def cut_off(path):
     (two_topics, ('--hand', 'absent.yaml'), 'absent.yaml: No such file'),
     (two_topics, ('-o', 'out.txt'), "unknown extension '.txt'; expected .csv, .mcap, .db3"),
     (two_topics, ('-o', 'in.mcap'), 'in.mcap: would replace the recording'),
-    (two_topics, ('--side', 'both', '-o', 'out.bvh'), 'out.bvh: a .bvh file has one hand'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.csv'), 'no folder absent'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.mcap'), 'no folder absent')])
 def test_says_what_is_wrong_and_writes_nothing(
