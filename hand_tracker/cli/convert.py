@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..files.written_kinds import SKELETON_KIND, SKINNED_KIND, WRITTEN_FORMATS
+from ..files.written_kinds import SKELETON_KINDS, WRITTEN_FORMATS
 from ..parallel import Interruptions
 from ..progress import Progress
 from .recording_options import (
@@ -17,14 +17,14 @@ from .recording_options import (
     reading_options,
     run_command,
 )
-from .track import add_motion_options
-
-SKELETON_KINDS = SKELETON_KIND, SKINNED_KIND
+from .track import add_motion_options, settle_motion_options
 
 
 def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
     """Convert the recording of a command line; return the closing line."""
+    settle_motion_options(options, f'.{options.format}' if options.format
+                          else options.output.suffix)
     # Here, so that a wrong option is reported at once.
     from ..calibration.hand_labels import labels_as_markers
     from ..calibration.recorded_points import recorded_points

@@ -25,7 +25,13 @@ from ..files.recordings import (
     write_recording,
 )
 from ..files.skeleton_motion import HandAngles, skeleton_motion
-from ..files.written_kinds import NAMINGS, POINT_KINDS, SKELETON_KIND, SKINNED_KIND
+from ..files.written_kinds import (
+    NAMINGS,
+    POINT_KINDS,
+    SKELETON_KIND,
+    SKELETON_KINDS,
+    SKINNED_KIND,
+)
 from ..output_files import write_whole
 from ..parallel import Interruptions
 from ..progress import Progress
@@ -48,15 +54,13 @@ from ..tracking.save_motion import collect_frames
 from .track_recordings import refuse_to_replace
 from .tracking_job import tracked_recording
 
-SKELETONS_OUT = SKELETON_KIND, SKINNED_KIND
-
 
 def splice_recordings(options: argparse.Namespace, interrupted: Interruptions,
             progress: Callable[..., Any] = Progress) -> str:
     """Splice the hands of a command line onto its body; return the closing line."""
     output = options.output
     is_skeleton = not is_bag(options.body) and recognised_format(options.body) is BVH
-    expected = SKELETONS_OUT if is_skeleton else (*POINT_KINDS, *SKELETONS_OUT)
+    expected = SKELETON_KINDS if is_skeleton else (*POINT_KINDS, *SKELETON_KINDS)
     if output.suffix not in expected:
         raise HandTrackerError(
             f'{output}: unknown extension {output.suffix!r}; expected {", ".join(expected)}, as '

@@ -4,14 +4,31 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import PurePath
 
+from ..core.errors import HandTrackerError
 from ..files.remote_files import located
-from ..files.written_kinds import EULER_ORDERS, NAMINGS, TRACKED_KINDS
+from ..files.written_kinds import (
+    EULER_ORDERS,
+    NAMINGS,
+    SKELETON_KIND,
+    SKELETON_KINDS,
+    TABLE,
+    TRACKED_KINDS,
+)
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
 
+# Options of skeletons: the outputs that they are for, and what they are where they are not given.
+MOTION_OPTIONS = {'names': (SKELETON_KINDS, NAMINGS[0]),
+                  'order': ((SKELETON_KIND,), EULER_ORDERS[0])}
+
 
 def _track(options: argparse.Namespace, interrupted: Interruptions) -> str:
+    kind = PurePath(options.output).suffix
+    if options.format or kind not in TRACKED_KINDS:
+        kind = f'.{options.format}' if options.format else TABLE
+    settle_motion_options(options, kind)
     # Here, so that a wrong option is reported at once.
     from .track_recordings import track_recordings
 
@@ -26,10 +43,33 @@ def _jobs(text: str) -> int:
 
 def add_motion_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a command line that writes skeletons in motion."""
-    parser.add_argument('--names', choices=NAMINGS, default=NAMINGS[0],
-                        help='of the joints of .bvh and .glb; default: %(default)s')
-    parser.add_argument('--order', choices=EULER_ORDERS, default=EULER_ORDERS[0],
-                        help='of the Euler angles of .bvh; default: %(default)s')
+    parser.add_argument('--names', choices=NAMINGS,
+                        help=f'of the joints, for .bvh and .glb alone; default: {NAMINGS[0]}')
+    parser.add_argument('--order', choices=EULER_ORDERS, help='of the Euler angles, for .bvh '
+                        f'alone; default: {EULER_ORDERS[0]}')
+
+
+def settle_motion_options(options: argparse.Namespace, kind: str) -> None:
+    """Refuse options of skeletons for other outputs; set those that are not given.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        With all that `add_motion_options` adds.
+    kind : str
+        Suffix of the output.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the output, the option and the outputs that it is for.
+    """
+    for name, (kinds, usual) in MOTION_OPTIONS.items():
+        given = getattr(options, name)
+        if given is not None and kind not in kinds:
+            raise HandTrackerError(f'{options.output}: --{name}: {given}; expected for outputs '
+                                   f'{", ".join(kinds)} only')
+        setattr(options, name, given or usual)
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:

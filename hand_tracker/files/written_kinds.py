@@ -9,8 +9,8 @@ BAG_SUFFIXES = '.mcap', '.db3'
 TABLE = '.csv'
 OUTPUT_KINDS = (TABLE, *BAG_SUFFIXES)                    # of tracked angles
 POINT_KINDS = '.trc', '.c3d'
-SKELETON_KIND, SKINNED_KIND = '.bvh', '.glb'
-MOTION_KINDS = (SKELETON_KIND, SKINNED_KIND, *POINT_KINDS)   # of a tracked hand in motion
+SKELETON_KINDS = SKELETON_KIND, SKINNED_KIND = '.bvh', '.glb'
+MOTION_KINDS = (*SKELETON_KINDS, *POINT_KINDS)   # of a tracked hand in motion
 TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
 # Formats of points, as `convert --format` calls them.
 WRITTEN_FORMATS = 'c3d', 'trc', 'qualisys-tsv', 'optitrack-csv', 'vicon-csv', 'npz'

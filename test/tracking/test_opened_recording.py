@@ -280,6 +280,10 @@ def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
      '--markers names the points of one hand; expected --side right or left'),
     (['convert', '{file}', 'out.c3d', '--format', 'vicon-csv'],
      'out.c3d: the suffix is that of another format than vicon-csv; expected .csv'),
+    (['convert', '{file}', 'out.csv', '--names', 'mixamo'],
+     'out.csv: --names: mixamo; expected for outputs .bvh, .glb only'),
+    (['convert', '{file}', 'out.glb', '--order', 'XYZ'],
+     'out.glb: --order: XYZ; expected for outputs .bvh only'),
     (['convert', '{file}', 'none/out.trc'], 'no folder')])
 def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)

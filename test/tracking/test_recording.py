@@ -504,6 +504,12 @@ def cut_off(path):
     (two_topics, ('--label', 'index=x'), "labels.index: 'x'; expected an id"),
     (two_topics, ('--hand', 'absent.yaml'), 'absent.yaml: No such file'),
     (two_topics, ('-o', 'out.txt'), "unknown extension '.txt'; expected .csv, .mcap, .db3"),
+    (two_topics, ('--names', 'unity'), 'out.(csv|mcap): --names: unity; expected for outputs .bvh'),
+    (two_topics, ('--order', 'XYZ'), '--order: XYZ; expected for outputs .bvh only'),
+    (two_topics, ('-o', 'w.glb', '--order', 'XYZ'), 'w.glb: --order: XYZ; expected for outputs'),
+    (two_topics, ('-o', 'w.trc', '--names', 'xsens'), '--names: xsens; .* outputs .bvh, .glb only'),
+    (two_topics, ('-o', 'w', '--format', 'glb', '--order', 'ZXY'), 'w: --order: ZXY; expected for'),
+    (two_topics, ('-o', 'w', '--format', 'csv', '--names', 'unity'), 'w: --names: unity; expected'),
     (two_topics, ('-o', 'in.mcap'), 'in.mcap: would replace the recording'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.csv'), 'no folder absent'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.mcap'), 'no folder absent')])
