@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import count, islice
@@ -38,6 +37,7 @@ from .point_recording import (
     PointRecording,
     RecordingError,
     printable,
+    usual_rate,
 )
 
 BAG_FORMAT = 'rosbag2'
@@ -190,11 +190,11 @@ def read_bag_points(path: Path, zero_is_missing: bool = True, topic: str | None 
     times = _times(received, stamps)
     since_start = np.array([1e-9 * (time - times[0]) for time in times])  # [s]
     steps = np.diff(since_start)
-    rate = float(1. / np.median(steps[steps > 0.])) if (steps > 0.).any() else math.nan
     is_increasing = len(steps) > 0 and bool((steps > 0.).all())
     return PointRecording(
-        path.name, BAG_FORMAT, labels, points, rate, since_start if is_increasing else None, Axes(),
-        notes, is_landmarks=kind in LANDMARK_MESSAGES,
+        path.name, BAG_FORMAT, labels, points, usual_rate(since_start),
+        since_start if is_increasing else None, Axes(), notes,
+        is_landmarks=kind in LANDMARK_MESSAGES,
         origin=BagOrigin(topic, kind, frame_id, times[0])), Axes('m', 'z')
 
 

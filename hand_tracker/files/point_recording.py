@@ -34,6 +34,7 @@ MAX_COORDINATE = 1e7       # of a point, in the file's unit
 MAX_POINT_BYTES = 2**31    # of all points of a recording
 WRITTEN_RATE = 100.        # [Hz] of written frames where a recording has no rate
 ROWS_AT_ONCE = 2**14       # frames that are converted at once
+FINEST_STAMP = 1e-9        # [s]: ROS 2 has whole nanoseconds
 MOST_FILLED = 20           # times as many frames as there are, with those that were left out
 # Names that systems give to markers that nobody labelled.
 ANONYMOUS = re.compile(r'|\*\d*|(unlabell?ed|unidentified|unnamed)\b.*', re.IGNORECASE)
@@ -230,6 +231,51 @@ def even_rows(times: np.ndarray) -> np.ndarray:
         rows[i + 1] = rows[i] + max(round(passed), 1)
         early = min(max(.9 * (rows[i + 1] - rows[i] - passed), -.5), .5)
     return rows if rows[-1] < MOST_FILLED * len(rows) else np.arange(len(rows))
+
+
+def nominal_rate(times: np.ndarray) -> float | None:
+    """Return the whole rate that frames cannot be told from by their times [Hz].
+
+    Stamps resolve the length of a take as far as they are even: within twice what the worst is off
+    the straight line through all of them.
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        Of the frames, of which some may be left out [s].
+
+    Returns
+    -------
+    float or None
+        None where no whole rate, or more than one, is within their resolution.
+    """
+    steps, own = np.diff(times), times - times[:1]
+    if not len(steps) or not (steps > 0.).all():
+        return None
+    if not own[-1] < MOST_FILLED * len(times) * np.median(steps):
+        return None    # two recordings, or stamps of different clocks
+    rows = even_rows(times).astype(float)
+    rate = round(rows[-1] / own[-1])
+    across, along = rows - rows.mean(), own - own.mean()
+    off = along - across * (across @ along) / (across @ across)
+    resolution = 2. * float(np.abs(off).max()) + FINEST_STAMP
+    is_one = rate > 0 and resolution * rate < .5 * own[-1]
+    return float(rate) if is_one and abs(rows[-1] / rate - own[-1]) <= resolution else None
+
+
+def usual_rate(times: np.ndarray) -> float:
+    """Return the nominal rate of frames, else that of their usual step, NaN without any [Hz].
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        [s]
+    """
+    steps = np.diff(times)
+    forward = steps[steps > 0.]
+    if not len(forward):
+        return np.nan
+    return nominal_rate(times) or float(1. / np.median(forward))
 
 
 def conversion_note(axes: Axes, said: Said, unit_reason: str = '') -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, JOINTS, LINKS, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from .point_recording import ROTATIONS, Axes, PointRecording, even_rows
+from .point_recording import ROTATIONS, Axes, PointRecording, even_rows, nominal_rate, usual_rate
 from .written_kinds import NAMINGS
 
 # Joints behind the wrist: the link that each turns, parents first. Abduction and flexion of a
@@ -113,7 +113,10 @@ class TrackedHands(NamedTuple):
 
 def usual_step(times: np.ndarray) -> float:
     """Return the usual time between two frames [s]."""
-    return float(np.median(np.diff(times))) if len(times) > 1 else SINGLE_FRAME
+    if len(times) < 2:
+        return SINGLE_FRAME
+    rate = nominal_rate(times)
+    return 1. / rate if rate else float(np.median(np.diff(times)))
 
 
 def resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
@@ -362,7 +365,7 @@ def joint_centres(tracked: HandAngles, name: str) -> PointRecording:
             (tracked.wrist_position[frames, None], pose.position, tips), axis=1)
     stamps = tracked.times - tracked.times[0] if len(points) else None
     return PointRecording(name, 'tracked hand', tuple(f'{hand.side}_{label}' for label in labels),
-                          points, 1. / usual_step(tracked.times), stamps, Axes('m', 'z'), (), True)
+                          points, _rate(tracked.times), stamps, Axes('m', 'z'), (), True)
 
 
 def hands_centres(tracked: TrackedHands, name: str) -> PointRecording:
@@ -389,7 +392,12 @@ def hands_centres(tracked: TrackedHands, name: str) -> PointRecording:
         points.append(found)
     return PointRecording(
         name, 'tracked hands', tuple(labels), np.concatenate(points, axis=1),
-        1. / usual_step(tracked.times), tracked.times - tracked.times[0], Axes('m', 'z'), (), True)
+        _rate(tracked.times), tracked.times - tracked.times[0], Axes('m', 'z'), (), True)
+
+
+def _rate(times: np.ndarray) -> float:
+    """Return the rate of frames [Hz]."""
+    return usual_rate(times) if len(times) > 1 else 1. / SINGLE_FRAME
 
 
 def _skeleton_pose(pose: Pose) -> Pose:

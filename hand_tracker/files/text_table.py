@@ -13,7 +13,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from .point_recording import PointBuffer, PointRecording, RecordingError
+from .point_recording import PointBuffer, PointRecording, RecordingError, nominal_rate
 
 BLOCK_BYTES = 2**21        # read at once
 MAX_LINE_BYTES = 2**22
@@ -411,7 +411,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
 
 
 def known_rate(rate: float, times: np.ndarray | None) -> float:
-    """Return a file's frame rate: as given, else by the median step of its times, else NaN [Hz].
+    """Return a file's frame rate: as given, else by its times, else NaN [Hz].
 
     Parameters
     ----------
@@ -423,7 +423,9 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
     if 0. < rate <= HIGHEST_RATE:
         return rate
     step = float(np.median(np.diff(times))) if times is not None else np.nan
-    return 1. / step if step * HIGHEST_RATE >= 1. else np.nan
+    if times is None or not step * HIGHEST_RATE >= 1.:
+        return np.nan
+    return nominal_rate(times) or 1. / step
 
 
 def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:
@@ -451,7 +453,7 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
         return known, times
     steps = np.concatenate(([0.], np.cumsum(periods)))
     if known != rate:
-        known = float(steps[-1] / (times[-1] - times[0]))
+        known = nominal_rate(times) or float(steps[-1] / (times[-1] - times[0]))
     even = times[0] + steps / known
     return known, even if np.abs(even - times).max() <= TIME_ROUNDING else times
 
