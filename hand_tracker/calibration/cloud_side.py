@@ -8,13 +8,35 @@ from ..core.model.hand import BOTH, SIDES, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller
 from ..core.point_labelling.natural_poses import model_prototype
+from .cloud_size import SAMPLED_CLOUDS
 
-SEARCHED_CLOUDS = 7      # frames at most; ours
+SEARCHED_CLOUDS = 7      # frames at most, of those with as many points as usual; ours
 EMPTY_CLOUDS = 2         # frames without a hand after which no more are searched; ours
 CLOUD_BUDGET = 40_000    # distances of points from markers that a search takes; ours
 FRAME_LEAD = 20.         # by which a frame may count for one of the hypotheses, at most; ours
 DECISIVE_LEAD = 30.      # of all frames together, after which no more are searched; ours
 SECOND_HAND_COST = 40.   # by which two hands must fit better than one; ours
+SURE_SIDE = .8           # share of the probability from which a side is named; ours
+
+
+def likely_side(clouds: np.ndarray) -> tuple[str, float]:
+    """Return whether points are of a right hand, a left one or both, and how often of any.
+
+    Parameters
+    ----------
+    clouds : ndarray, shape (T, n, 3)
+        See `side_likelihoods`.
+
+    Returns
+    -------
+    side : {'right', 'left', 'both', ''}
+        Empty where that is uncertain.
+    share : float
+        Of the searched frames that show a hand [1].
+    """
+    likelihoods = side_likelihoods(clouds)
+    share = sum(likelihoods.values())
+    return next((side for side, one in likelihoods.items() if one > SURE_SIDE * share), ''), share
 
 
 def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
@@ -34,6 +56,7 @@ def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
     left = right.mirrored()
     labellers = {SIDES[0]: CloudLabeller([right]), SIDES[1]: CloudLabeller([left]),
                  BOTH: CloudLabeller([right, left])}
+    clouds = clouds[::max(len(clouds) // SAMPLED_CLOUDS, 1)]
     counts = np.isfinite(clouds).all(axis=2).sum(axis=1)
     usual = np.flatnonzero(counts >= np.median(counts)) if len(counts) else counts
     frames = clouds[usual[np.unique(

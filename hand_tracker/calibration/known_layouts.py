@@ -11,7 +11,7 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import LAYOUT_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
-from .cloud_side import side_likelihoods
+from .cloud_side import likely_side
 from .cloud_size import nameless_columns
 from .hand_axes import HandPoints, hands_of, likelier_unit, side_likelihood
 from .layout_labels import labelled_layout, point_names
@@ -20,7 +20,6 @@ LEAST_LIKELIHOOD = .2      # of layouts that are listed
 LEAST_PRESENT = .5         # of a layout's markers that are there
 NAMED_SIDE = .99           # likelihood of a side that labels name
 HAND_SPAN = .30            # [m] that a hand's markers are within
-SURE_SIDE = .8             # likelihood of the side of points without labels from which it is named
 
 
 class LikelyLayout(NamedTuple):
@@ -190,9 +189,7 @@ def _by_shape(points: np.ndarray, near: float, by_number: float) -> dict[tuple[s
     """
     counts = np.isfinite(points).all(axis=2).sum(axis=1)
     usual = near * max(float(np.mean(counts == len(PAPER_PLACES))), .1)
-    sides = side_likelihoods(points)
-    shown = sum(sides.values())
-    likelihood = max(usual, (1. - by_number) * shown)
-    sure = next((side for side, one in sides.items()
-                 if one >= SURE_SIDE * shown > 0.), 'unknown')
-    return {(PAPER_LAYOUT, side): likelihood for side in (SIDES if sure == BOTH else (sure,))}
+    side, share = likely_side(points)
+    likelihood = max(usual, (1. - by_number) * share)
+    return {(PAPER_LAYOUT, one): likelihood
+            for one in (SIDES if side == BOTH else (side or 'unknown',))}

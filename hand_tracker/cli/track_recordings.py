@@ -9,8 +9,10 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import shorten
 from typing import Any, NamedTuple
 
+from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
 from ..files.bags import BAG_CONTENTS, STORAGE, BagError
 from ..files.recordings import FILE_SUFFIXES, is_named_as_recording
@@ -22,9 +24,10 @@ from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import save, save_hands
 from ..tracking.save_motion import collect_frames, collect_hands, save_motion
-from .tracking_job import ProgressMaker, tracked_hands, tracked_recording
+from .tracking_job import ProgressDisplay, ProgressMaker, tracked_hands, tracked_recording
 
 ALREADY_THERE = 'already there'
+SUMMARY_WIDTH = 80   # characters of the summary; the whole is printed before
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
     'degrees off until a hand is fitted (hand_tracker calibrate)')
@@ -103,8 +106,14 @@ def _track_located(options: argparse.Namespace, interrupted: Interruptions,
                    progress: ProgressMaker = Progress) -> TrackedFile:
     """Track a recording; its input and output may be URLs: download first, upload after."""
     if isinstance(options.recording, Url):
-        with local_copy(options.recording) as copy:
-            return _track_located(_with(options, recording=copy), interrupted, progress)
+        url = options.recording
+        with local_copy(url) as copy:
+            try:
+                return _track_located(
+                    _with(options, recording=copy), interrupted,
+                    lambda total, what: _RemoteProgress(progress(total, what), copy, url))
+            except HandTrackerError as error:
+                raise BagError(str(error).replace(str(copy), url)) from None
     if isinstance(options.output, Url):
         with TemporaryDirectory(prefix='hand_tracker-') as folder:
             local = Path(folder, options.output.name)
@@ -112,6 +121,18 @@ def _track_located(options: argparse.Namespace, interrupted: Interruptions,
             upload(local, options.output)
         return found._replace(output=options.output)
     return track_file(options, interrupted, progress)
+
+
+class _RemoteProgress:
+    """Progress display whose lines have the URL of a file in place of the path of its copy."""
+
+    def __init__(self, display: ProgressDisplay, copy: Path, url: Url) -> None:
+        self._copy, self._url = str(copy), url
+        self._say, self.over = display.say, display.over
+
+    def say(self, text: str) -> None:
+        """Write a line above the bar."""
+        self._say(text.replace(self._copy, self._url))
 
 
 def _with(options: argparse.Namespace, **changed: Any) -> argparse.Namespace:
@@ -128,6 +149,10 @@ def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
             inside = [path for path in sorted(one.iterdir()) if is_named_as_recording(path)]
             if not inside:
                 raise BagError(f'{one}: no recording in this folder')
+            if others := [path.name for path in sorted(one.iterdir())
+                          if path.is_dir() and path not in inside]:
+                print(f'{one}: recordings in its folders ({", ".join(others)}) are not tracked',
+                      file=sys.stderr)
             found += inside
         else:
             found.append(one)
@@ -169,7 +194,7 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
         for line in result.lines:
             line = line.replace(f'{Path(task.output).parent}/', f'{folder}/') \
                 if isinstance(folder, Path) else line
-            named = line.startswith(str(task.recording))
+            named = line.startswith((str(task.recording), f'{task.recording.name}: '))
             progress.say(line if named else f'{task.recording.name}: {line}')
     print(_table([(stem, *rows[output]) for stem, output in zip(stems, outputs)]))
     count = len(options.recordings)
@@ -190,7 +215,9 @@ def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:
     """Return the cells of a recording's row behind its name: result, frames, share, speed."""
     found = result.value
     if found is None:
-        return (f'failed: {result.lines[-1].removeprefix(f"{task.recording}: ")}',)
+        reason = result.lines[-1].removeprefix(f'{task.recording}: ').removeprefix(
+            f'{task.recording.name}: ')
+        return (f'failed: {shorten(reason, SUMMARY_WIDTH, placeholder=" ...")}',)
     return (task.output.name, str(found.read), f'{100. * found.tracked / max(found.read, 1):.1f}',
             f'{found.rate:.0f}')
 

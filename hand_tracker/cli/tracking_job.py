@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any, Protocol
 
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
@@ -13,7 +14,7 @@ from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage
 from ..messages.labels import WITHOUT_LABELS
-from ..parallel import Interruptions, MessageCollector
+from ..parallel import Interruptions
 from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.opened_recording import open_recording
@@ -33,7 +34,17 @@ LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
 PALM_SEEN = (PalmState.TRACKED, PalmState.CARRIED)
 # Returns what shows the progress of a number of pieces of a name.
-ProgressMaker = Callable[[int, str], Progress | MessageCollector]
+ProgressMaker = Callable[[int, str], 'ProgressDisplay']
+
+
+class ProgressDisplay(Protocol):
+    """What shows the progress of work: a `Progress` here, a `MessageCollector` in a worker."""
+
+    @property
+    def say(self) -> Callable[[str], None]: ...
+
+    @property
+    def over(self) -> Callable[[Iterable[Any]], Iterable[Any]]: ...
 
 
 class TrackingJob:

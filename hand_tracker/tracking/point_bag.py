@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..core.model.hand import BOTH, OTHER_SIDE, SIDES
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, recorded_times
 from ..files.bags import Bag, BagError, BagMessage
 from ..files.point_recording import PointRecording, RecordingError
@@ -116,7 +116,9 @@ class PointBag(Bag):
                 SIDES if choice.side == BOTH else (choice.side or '',)))
             self._heads = [('hand', row) for row in range(recording.points.shape[1])]
             self._points = recording.points
-        if not self.hands[0].side:
+        if not self.hands[0].side and not self.has_labels:
+            self._find_side()
+        elif not self.hands[0].side:
             by_shape = side_by_shape(recording)
             self.hands = (self.hands[0]._replace(side=choice.side or by_shape),)
             if by_shape and choice.side in (None, by_shape):
@@ -133,6 +135,21 @@ class PointBag(Bag):
         self.counts = {WRITTEN_TOPIC: len(self._times)}
         self.offered_qos = {WRITTEN_TOPIC: []}
         self.start, self.duration = self._times[0], self._times[-1] - self._times[0]
+
+    def _find_side(self) -> None:
+        """Find the side of points without labels by their shape, where they are the paper's."""
+        from ..calibration.cloud_side import likely_side
+
+        hand, = self.hands
+        if hand.layout.names != MARKERS:
+            return
+        side, _ = likely_side(self._points)
+        if side == BOTH:
+            self.notes += ('a right and a left hand, by the shape of the points: the right one is '
+                           'tracked (--side left, or both)',)
+        elif side:
+            self.hands = (hand._replace(side=side),)
+            self.notes += (f'a {side} hand, by the shape of the points (--side)',)
 
     def messages(self, topics: Iterable[str] | None = None,
                  start: int | None = None) -> Iterator[BagMessage]:

@@ -11,6 +11,7 @@ from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, SIDES
 from hand_tracker.files.point_recording import Axes, PointRecording
 from hand_tracker.files.recordings import write_recording
 from hand_tracker.simulation.packaged_recordings import demo_recording
+from hand_tracker.tracking.point_bag import MarkerChoice, PointBag
 
 MOVING = demo_recording().markers[::90]
 AWAY = np.array((0., .35, .05))  # [m]
@@ -38,11 +39,28 @@ def test_points_of_no_hand_have_no_side():
     assert sum(side_likelihoods(points[:0]).values()) == 0.
 
 
+def write_cloud(path, sides):
+    """Write the points of the hands of some sides without labels."""
+    points = clouds(sides).astype(np.float32)
+    write_recording(path, PointRecording(
+        'cloud', 'c3d', ('',) * points.shape[1], points, 120., None, Axes('m', 'z')))
+
+
+@pytest.mark.parametrize('sides, found, note', [
+    (('left',), 'left', 'a left hand, by the shape of the points (--side)'),
+    (SIDES, '', 'a right and a left hand, by the shape of the points')])
+def test_a_file_without_labels_is_of_the_side_that_its_points_show(sides, found, note, tmp_path):
+    write_cloud(tmp_path / 'cloud.c3d', sides)
+    bag = PointBag(tmp_path / 'cloud.c3d', MarkerChoice(has_labels=None))
+    assert [one.side for one in bag.hands] == [found]
+    assert any(one.startswith(note) for one in bag.notes)
+    asked = PointBag(tmp_path / 'cloud.c3d', MarkerChoice(has_labels=None, side='right'))
+    assert [one.side for one in asked.hands] == ['right']
+
+
 @pytest.mark.parametrize('sides', [('right',), ('left',), SIDES])
 def test_inspect_proposes_the_command_for_the_side(sides, tmp_path, capsys):
-    points = clouds(sides).astype(np.float32)
-    write_recording(tmp_path / 'cloud.c3d', PointRecording(
-        'cloud', 'c3d', ('',) * points.shape[1], points, 120., None, Axes('m', 'z')))
+    write_cloud(tmp_path / 'cloud.c3d', sides)
     assert inspect.main([str(tmp_path / 'cloud.c3d'), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert {(one['name'], one['side']) for one in found['layouts']} == {

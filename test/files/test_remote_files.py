@@ -55,3 +55,12 @@ def test_what_is_not_there_is_named(store):
 def test_commands_that_read_no_urls_say_so(command, capsys):
     assert hand_tracker(command) == 1
     assert 'is elsewhere; hand_tracker track alone reads URLs' in capsys.readouterr().err
+
+
+def test_messages_name_the_url_of_a_recording(store, tmp_path, capsys):
+    assert main(['memory://takes/one.mcap', '-o', str(tmp_path / 'one.csv')]) == 0
+    assert 'memory://takes/one.mcap: no hand file' in capsys.readouterr().err
+    store.pipe('/takes/cut.mcap', store.cat('/takes/one.mcap')[:2000])
+    assert main(['memory://takes/cut.mcap', '-o', str(tmp_path / 'cut.csv')]) == 1
+    message = capsys.readouterr().err
+    assert 'memory://takes/cut.mcap: ' in message and 'hand_tracker-' not in message
