@@ -4,6 +4,7 @@ import os
 import sys
 from importlib import import_module
 
+from . import __version__
 from .interruption import INTERRUPTED_EXIT_CODE, ended_by_interrupt
 
 # Module of `cli`: its help.
@@ -42,8 +43,12 @@ def main(arguments: list[str] | None = None) -> int:
             return command.main(arguments[1:])
         except KeyboardInterrupt:
             return INTERRUPTED_EXIT_CODE
-    usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
-        f'  {command:9s} {what}' for command, what in COMMANDS.items())
+    if name == '--version':
+        print(f'hand_tracker {__version__}')
+        return 0
+    usage = '\n'.join((
+        'usage: hand_tracker COMMAND [--help] ...', '       hand_tracker --version', '',
+        *(f'  {command:9s} {what}' for command, what in COMMANDS.items())))
     if name in ('-h', '--help'):
         print(f'{__doc__}\n\n{usage}')
         return 0

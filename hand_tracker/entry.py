@@ -13,8 +13,8 @@ from importlib import import_module
 from .__main__ import main
 
 HELP = """
-usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=/topic ...]
-`ros2 param list` and `ros2 param describe` show the parameters while it runs; docs/ros.md says
+usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r {topic}:=/topic ...]
+`ros2 param list` and `ros2 param describe` show the parameters while it runs; {page} says
 what they mean."""
 ASKS = {'-h', '--help'}
 # Nodes whose kernels are small: compiling or loading them takes longer than they save.
@@ -34,7 +34,10 @@ def _run(node: str) -> int:
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
     if asks:
-        print((module.__doc__ or '').strip(), HELP.format(node=node), sep='\n')
+        topic, page = ('~/markers', 'docs/sources.md') if node == 'source' else (
+            'markers', 'docs/ros.md')
+        print((module.__doc__ or '').strip(), HELP.format(node=node, topic=topic, page=page),
+              sep='\n')
         return 0
     return module.main()
 

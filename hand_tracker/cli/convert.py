@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files.written_kinds import SKELETON_KINDS, WRITTEN_FORMATS
+from ..messages.labels import WITHOUT_LABELS
 from ..parallel import Interruptions
 from ..progress import Progress
 from .recording_options import (
@@ -73,6 +74,8 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         if renamed:
             print(f'{output}: written {", ".join(renamed)}', file=sys.stderr)
         recording = recording._replace(labels=labels)
+    if options.labels == WITHOUT_LABELS:
+        recording = recording._replace(labels=('',) * len(recording.labels))
     write_recording(output, recording, form)
     return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
 
@@ -80,8 +83,9 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
 def main(arguments: list[str] | None = None) -> int:
     """Write a recording in another format, known by the suffix of OUT.
 
-    Points are written as .c3d, .trc, .tsv (Qualisys), .csv (OptiTrack), .npz, .mcap or .db3; a
-    skeleton (.bvh) and one with skin (.glb) by tracking the hand.
+    Points are written as .c3d, .trc, .tsv (Qualisys), .csv (OptiTrack), .npz, .mcap or .db3, with
+    --labels none without their labels; a skeleton (.bvh) and one with skin (.glb) by tracking the
+    hand.
     """
     parser = argparse.ArgumentParser(prog='hand_tracker convert', description=main.__doc__)
     add_recording_options(parser)

@@ -241,7 +241,7 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
         yield f'{right} of {labelled} labels given to points are those of the recording'
     if (before := listener.before_first()):
         event = ('the hand was found among the points' if listener.is_anonymous
-                 else 'the palm was first seen')
+                 else 'the first that was answered, in which the palm was seen')
         yield f'{before} of the frames came before {event}'
     left_out, count = listener.left_out()
     if 0 < left_out <= EXPLAINED_SHARE * count:

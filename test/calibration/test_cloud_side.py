@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from hand_tracker.calibration.cloud_side import side_likelihoods
-from hand_tracker.cli import inspect
+from hand_tracker.cli import convert, inspect
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, SIDES
 from hand_tracker.files.point_recording import Axes, PointRecording
 from hand_tracker.files.recordings import write_recording
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.tracking.point_bag import MarkerChoice, PointBag
 
@@ -67,3 +68,10 @@ def test_inspect_proposes_the_command_for_the_side(sides, tmp_path, capsys):
         ('paper8', side) for side in sides}
     asked = 'both' if len(sides) > 1 else sides[0]
     assert found['next'].endswith(f'--side {asked} --labels none')
+
+
+def test_convert_takes_the_labels_off(tmp_path):
+    source, output = packaged_recording('left'), tmp_path / 'cloud.c3d'
+    assert convert.main([str(source), str(output), '--labels', 'none']) == 0
+    bag = PointBag(output, MarkerChoice(has_labels=None))
+    assert not bag.has_labels and [one.side for one in bag.hands] == ['left']
