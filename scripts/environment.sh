@@ -116,7 +116,7 @@ install_requirements() {
   demo=$(fingerprint "$root/requirements/demo.txt")
   wanted=$(fingerprint "$root/requirements/$1.txt")
   if ! is_done demo "$demo" || [[ -e $venv/unfinished ]] || ! "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
-    say "No ROS 2 is sourced: setting up one of its own in $venv (once, two to three minutes; longer on a busy machine)."
+    say "No ROS 2 is sourced: setting up one of its own in $venv (once, one to three minutes; longer on a busy machine)."
     make_venv
   fi
   is_done "$1" "$wanted" && return

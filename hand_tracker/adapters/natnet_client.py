@@ -83,7 +83,7 @@ class NatNetClient:
     relay : Relay or None
         Receives once there was a frame of this model.
     up : str
-        Upward axis of what is handed over, as far as the server says it; one of `UPRIGHT`.
+        Upward axis of what is handed over, such as 'z' or '-y', as far as the server says it.
     """
 
     relay: Relay | None = None

@@ -23,13 +23,7 @@ from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
 from .packet_reception import Relay, receive
 from .packet_structure import PacketOrigin
-from .point_frame import (
-    UPRIGHT,
-    MalformedFrame,
-    SourceFrame,
-    SourceUnavailable,
-    point_frame,
-)
+from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 from .qtm_packets import (
     DATA_HEADER,
     MILLIMETRE,
@@ -126,7 +120,7 @@ class QualisysClient:
                 raise OSError('it answers with a frame where its parameters are asked for')
             parameters = xml.decode(errors='replace')
             self._names = marker_labels(parameters)
-            self._set_up(upward_axis(parameters))
+            self.up = upward_axis(parameters).removeprefix('+').lower() or 'z'
             self._clock.reset()
             self._last, self._structure = -1, None
             packets: deque[bytes] = deque()
@@ -147,14 +141,6 @@ class QualisysClient:
             self._is_logged = True
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
-
-    def _set_up(self, axis: str) -> None:
-        """Turn what comes by QTM's upward axis, such as +Z, where it is one that can be turned."""
-        up = axis.removeprefix('+').lower()
-        self.up = up if up in UPRIGHT else 'z'
-        if axis and self.up != up:
-            self._on_news(True, f'QTM on {self._server}: {axis} is up; expected +Z or +Y: the '
-                                'hand is shown turned')
 
     def _receive(self, protocol: Any, packets: deque[bytes], ended: Event) -> None:
         """Receive frames until the connection ends, without asyncio, which takes longer.

@@ -67,15 +67,15 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     if at_origin and not (recording.is_landmarks and output.suffix in NPZ.suffixes):
         print(f'{output}: {", ".join(at_origin)} is at (0, 0, 0) in some frames, which reads as '
               'missing but with --keep-zeros', file=sys.stderr)
-    if recording.is_landmarks and output.suffix not in NPZ.suffixes:
+    if options.labels == WITHOUT_LABELS:
+        recording = recording._replace(labels=('',) * len(recording.labels))
+    elif recording.is_landmarks and output.suffix not in NPZ.suffixes:
         # Other formats do not say that the points are joint centres.
         labels = labels_as_markers(recording.labels)
         renamed = [f'{old} as {new}' for old, new in zip(recording.labels, labels) if old != new]
         if renamed:
             print(f'{output}: written {", ".join(renamed)}', file=sys.stderr)
         recording = recording._replace(labels=labels)
-    if options.labels == WITHOUT_LABELS:
-        recording = recording._replace(labels=('',) * len(recording.labels))
     write_recording(output, recording, form)
     return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
 

@@ -158,18 +158,19 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
                      broadcast='all', auto_size='false',
                      labels=f"'{WITHOUT_LABELS}'" if listener.is_anonymous else None, **presets)
+    processes.append(tracker)
+    # Where kernels are on disk they load now, not while frames wait.
+    rest = marker_positions(
+        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
+    palm = rest[first.palm_rows]
+    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
     # Those who wait for the first frame: the tracker and this listener.
     replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
                     side=side, markers=','.join(options.markers),
                     layout=options.layout, units=options.units, up=options.up,
                     handed=options.handed, frame_rate=options.frame_rate,
                     subject=options.subject, partial=options.partial)
-    processes += [tracker, replay]
-    # Where kernels are on disk they load now, while the nodes start.
-    rest = marker_positions(
-        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
-    palm = rest[first.palm_rows]
-    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
+    processes.append(replay)
     _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
     due = time.monotonic()
     end: float | None = None

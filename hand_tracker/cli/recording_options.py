@@ -275,7 +275,7 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
         reading_options(options), hand.side if options.hand and options.side != BOTH
         else options.side, chosen_labels(options.markers, layout.names),
         layout if options.hand or options.layout else None,
-        False if options.labels == WITHOUT_LABELS else None)
+        False if options.labels == WITHOUT_LABELS else None, finds_side=True)
     if is_marker_bag(options.recording, choice, bool(given.get('label'))):
         refuse_file_options(options, options.recording)
         texts = _label_texts([*given.get('label', ()), *equated(options.markers, layout.names)],
@@ -361,7 +361,7 @@ def require_inputs(options: argparse.Namespace) -> None:
         for path in paths:
             if path and isinstance(path, (str, Path)) and not Path(path).exists():
                 # A path has one slash where the URL had two.
-                if URL_START.match(str(path)):
+                if paths is recordings and URL_START.match(str(path)):
                     fault = 'is elsewhere; hand_tracker track alone reads URLs: copy it here first'
                 raise HandTrackerError(f'{path}: {fault}')
 

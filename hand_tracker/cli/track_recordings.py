@@ -27,7 +27,7 @@ from ..tracking.save_motion import collect_frames, collect_hands, save_motion
 from .tracking_job import ProgressDisplay, ProgressMaker, tracked_hands, tracked_recording
 
 ALREADY_THERE = 'already there'
-SUMMARY_WIDTH = 80   # characters of the summary; the whole is printed before
+REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
     'degrees off until a hand is fitted (hand_tracker calibrate)')
@@ -146,11 +146,13 @@ def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
         if isinstance(one, Url):
             found += matching(one)
         elif one.is_dir() and not (one / BAG_CONTENTS).exists():
-            inside = [path for path in sorted(one.iterdir()) if is_named_as_recording(path)]
+            contents = sorted(one.iterdir())
+            inside = [path for path in contents if is_named_as_recording(path)]
             if not inside:
                 raise BagError(f'{one}: no recording in this folder')
-            if others := [path.name for path in sorted(one.iterdir())
-                          if path.is_dir() and path not in inside]:
+            others = [path.name for path in contents if path.is_dir() and path not in inside
+                      and any(map(is_named_as_recording, path.iterdir()))]
+            if others:
                 print(f'{one}: recordings in its folders ({", ".join(others)}) are not tracked',
                       file=sys.stderr)
             found += inside
@@ -217,7 +219,7 @@ def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:
     if found is None:
         reason = result.lines[-1].removeprefix(f'{task.recording}: ').removeprefix(
             f'{task.recording.name}: ')
-        return (f'failed: {shorten(reason, SUMMARY_WIDTH, placeholder=" ...")}',)
+        return (f'failed: {shorten(reason, REASON_WIDTH, placeholder=" ...")}',)
     return (task.output.name, str(found.read), f'{100. * found.tracked / max(found.read, 1):.1f}',
             f'{found.rate:.0f}')
 

@@ -130,6 +130,8 @@ class LaunchPlan:
         self._file = self._parameter_file()
         self.in_file = self._parameters_in_file(TRACKER_NAME)
         self.hand_parameters = self._shared_parameters()
+        self._require_system('up', SYSTEMS)
+        self._require_system('latency', ('qualisys',))
         self.direct = self._direct_source()
         self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
             self._one_hand()]
@@ -148,6 +150,12 @@ class LaunchPlan:
         self.has_robot = self._drives_robot_in_tracker()
         self.has_source = self._takes_packets_in_tracker()
         self._require_sections()
+
+    def _require_system(self, name: str, systems: Sequence[str]) -> None:
+        """Refuse an argument that says nothing to the source."""
+        if self.given[name] and self.given['source'] not in systems:
+            raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected for source:="
+                                f"{', '.join(systems)} only")
 
     def is_on(self, name: str) -> bool:
         """Return whether something is shown: by its argument, or with RViz when that is auto."""

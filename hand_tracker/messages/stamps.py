@@ -153,7 +153,7 @@ def restamp(data: bytes, stamps: Iterable[int], time: int) -> bytes:
     """
     changed = bytearray(data)
     for at in stamps:
-        struct.pack_into(_order(data) + 'iI', changed, at, *divmod(time, 10**9))
+        struct.pack_into(_order(data) + 'iI', changed, at, *stamp_of(time))
     return bytes(changed)
 
 

@@ -100,7 +100,7 @@ class CalibrateNode(Node):
                     return
         for is_warning, line in self._take.end_lines(self._coverage):
             log_line(self, is_warning, line)
-            self._publish(line, {})
+        self._publish(line, {})
         try:
             done = calibrate_takes([self._take.take()], self._output, self._limits)
         except OSError as error:

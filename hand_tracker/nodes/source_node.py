@@ -219,6 +219,10 @@ class SourceNode(Node):
         up = values['up']
         if up == UP_AS_TOLD:
             up = self._client.up if self._client is not None else 'z'
+            if up not in UPRIGHT:
+                self._warn_once('up', f'{self._origin}: {up} is up; expected z or y: the hand is '
+                                'shown turned')
+                up = 'z'
         if up != 'z':
             frame = turned_upright(frame, up)
         if not frame.frame_id:

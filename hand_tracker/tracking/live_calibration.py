@@ -89,8 +89,9 @@ class LiveCalibration:
             self._values = coverage.values()
             return
         self.take, self._values = None, {}
-        for is_warning, self._text in take.end_lines(coverage):
-            self._log_lines.append((is_warning, f'calibration: {self._text}'))
+        *warnings, (_, self._text) = take.end_lines(coverage)
+        self._log_lines += [(True, f'calibration: {line}') for _, line in warnings]
+        self._log_lines.append((False, f'calibration: {self._text}; tracking goes on'))
         self._fit = Fit(take, self._limits, self._output)
 
     def values(self) -> dict[str, str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +18,7 @@ from ..files.point_recording import PointRecording, RecordingError
 from ..files.recordings import ReadingOptions
 from ..messages.labels import LabelMap, default_labels, labels_of_hand, maps_of_hands
 from ..messages.marker_array import MARKER_ARRAY
+from .compile_kernels import prepare_kernels
 
 if TYPE_CHECKING:
     from ..calibration.hand_labels import HandLabel
@@ -39,6 +42,9 @@ class MarkerChoice(NamedTuple):
     has_labels : bool or None
         Whether labels say which points are the markers; else all points are given. None where
         they do as far as there are any.
+    finds_side : bool
+        Whether the side of the paper's markers without labels is searched by their shape, where
+        nothing says it: for seconds where kernels are plain Python.
     """
 
     reading: ReadingOptions = ReadingOptions()
@@ -46,6 +52,7 @@ class MarkerChoice(NamedTuple):
     names: Mapping[str, str] = {}
     layout: MarkerLayout | None = None
     has_labels: bool | None = True
+    finds_side: bool = False
 
 
 class RecordedMarkers(NamedTuple):
@@ -116,11 +123,13 @@ class PointBag(Bag):
                 SIDES if choice.side == BOTH else (choice.side or '',)))
             self._heads = [('hand', row) for row in range(recording.points.shape[1])]
             self._points = recording.points
-        if not self.hands[0].side and not self.has_labels:
-            self._find_side()
-        elif not self.hands[0].side:
+        hand = self.hands[0]
+        if not hand.side and not self.has_labels and hand.layout.names == MARKERS:
+            if choice.finds_side:
+                self._find_side()
+        elif not hand.side:
             by_shape = side_by_shape(recording)
-            self.hands = (self.hands[0]._replace(side=choice.side or by_shape),)
+            self.hands = (hand._replace(side=choice.side or by_shape),)
             if by_shape and choice.side in (None, by_shape):
                 self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
             elif by_shape:
@@ -137,19 +146,20 @@ class PointBag(Bag):
         self.start, self.duration = self._times[0], self._times[-1] - self._times[0]
 
     def _find_side(self) -> None:
-        """Find the side of points without labels by their shape, where they are the paper's."""
+        """Find the side of the paper's markers without labels by their shape."""
         from ..calibration.cloud_side import likely_side
 
-        hand, = self.hands
-        if hand.layout.names != MARKERS:
-            return
+        prepare_kernels(partial(print, file=sys.stderr), labels_points=True)
         side, _ = likely_side(self._points)
-        if side == BOTH:
-            self.notes += ('a right and a left hand, by the shape of the points: the right one is '
-                           'tracked (--side left, or both)',)
-        elif side:
-            self.hands = (hand._replace(side=side),)
+        if side in SIDES:
+            self.hands = (self.hands[0]._replace(side=side),)
             self.notes += (f'a {side} hand, by the shape of the points (--side)',)
+        elif side == BOTH:
+            self.notes += ('a right and a left hand, by the shape of the points: the right one is '
+                           'taken (--side)',)
+        else:
+            self.notes += ('its side cannot be told by the shape of the points: a right hand is '
+                           'searched (--side)',)
 
     def messages(self, topics: Iterable[str] | None = None,
                  start: int | None = None) -> Iterator[BagMessage]:

@@ -52,10 +52,11 @@ def write_cloud(path, sides):
     (SIDES, '', 'a right and a left hand, by the shape of the points')])
 def test_a_file_without_labels_is_of_the_side_that_its_points_show(sides, found, note, tmp_path):
     write_cloud(tmp_path / 'cloud.c3d', sides)
-    bag = PointBag(tmp_path / 'cloud.c3d', MarkerChoice(has_labels=None))
+    bag = PointBag(tmp_path / 'cloud.c3d', MarkerChoice(has_labels=None, finds_side=True))
     assert [one.side for one in bag.hands] == [found]
     assert any(one.startswith(note) for one in bag.notes)
-    asked = PointBag(tmp_path / 'cloud.c3d', MarkerChoice(has_labels=None, side='right'))
+    asked = PointBag(tmp_path / 'cloud.c3d',
+                     MarkerChoice(has_labels=None, side='right', finds_side=True))
     assert [one.side for one in asked.hands] == ['right']
 
 
@@ -73,5 +74,5 @@ def test_inspect_proposes_the_command_for_the_side(sides, tmp_path, capsys):
 def test_convert_takes_the_labels_off(tmp_path):
     source, output = packaged_recording('left'), tmp_path / 'cloud.c3d'
     assert convert.main([str(source), str(output), '--labels', 'none']) == 0
-    bag = PointBag(output, MarkerChoice(has_labels=None))
+    bag = PointBag(output, MarkerChoice(has_labels=None, finds_side=True))
     assert not bag.has_labels and [one.side for one in bag.hands] == ['left']

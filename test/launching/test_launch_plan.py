@@ -82,8 +82,12 @@ def test_a_source_is_told_its_upward_axis_and_its_latency():
     # Points that are turned need a source node.
     assert plan_of(source='point_cloud', up='z').direct
     assert not plan_of(source='point_cloud', up='y').direct
-    with pytest.raises(InvalidLaunch, match="latency: 'much'; expected a number"):
-        plan_of(source='qualisys', latency='much')
+    for given, fault in (
+            ({'source': 'qualisys', 'latency': 'much'}, "latency: 'much'; expected a number"),
+            ({'source': 'natnet', 'latency': '0.1'}, 'expected for source:=qualisys only'),
+            ({'up': 'y'}, 'expected for source:=point_cloud, mocap4r2, natnet, qualisys, ')):
+        with pytest.raises(InvalidLaunch, match=fault):
+            plan_of(**given)
 
 
 def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):

@@ -184,9 +184,9 @@ def test_a_client_with_a_fault_begins_anew(monkeypatch, capfd):
 
 
 @pytest.mark.parametrize('said, asked, turn', [
-    ('+Z', {}, np.eye(3)), ('+Y', {}, UPRIGHT['y']), ('+Y', {'up': 'z'}, np.eye(3)),
-    ('+Z', {'up': 'y'}, UPRIGHT['y'])])
-def test_qtm_comes_out_as_markers_with_z_up(said, asked, turn):
+    ('+Z', {}, np.eye(3)), ('-Z', {}, np.eye(3)), ('+Y', {}, UPRIGHT['y']),
+    ('+Y', {'up': 'z'}, np.eye(3)), ('+Z', {'up': 'y'}, UPRIGHT['y'])])
+def test_qtm_comes_out_as_markers_with_z_up(said, asked, turn, capfd):
     with QtmServer(MARKERS, up=said) as server, source(
             source='qualisys', server='127.0.0.1', port=server.port, **asked) as (_, watch):
         found = watch.collect(MarkerArray, '/source/markers')
@@ -200,6 +200,8 @@ def test_qtm_comes_out_as_markers_with_z_up(said, asked, turn):
         watch.repeat(send, lambda: found)
     frame = markers_from_message(found[-1], LabelMap())
     np.testing.assert_allclose(frame.positions, PLACES @ turn.T, rtol=1e-6)
+    logged = ''.join(capfd.readouterr())
+    assert logged.count('-z is up; expected z or y') == (said == '-Z')
 
 
 def test_the_messages_are_those_that_rclpy_writes():

@@ -814,7 +814,8 @@ def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch
         watch.spin_until(lambda: process.output.count(lost) > times
                          and process.output.count(listening) > 1, FIRST_START)
         # Once it stands, for states that have come meanwhile.
-        watch.spin_until(lambda: not np.ptp(
+        since = len(states)
+        watch.spin_until(lambda: len(states) >= since + FEW and not np.ptp(
             [state.position for state in states[-FEW:]], axis=0).any())
         held, before = states[-1].position, len(states)
         watch.spin_until(lambda: len(states) > before + 10 * FEW)
