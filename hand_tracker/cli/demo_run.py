@@ -159,6 +159,7 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
                      broadcast='all', auto_size='false',
                      labels=f"'{WITHOUT_LABELS}'" if listener.is_anonymous else None, **presets)
     processes.append(tracker)
+    _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
     # Where kernels are on disk they load now, not while frames wait.
     rest = marker_positions(
         first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
@@ -171,7 +172,6 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
                     handed=options.handed, frame_rate=options.frame_rate,
                     subject=options.subject, partial=options.partial)
     processes.append(replay)
-    _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
     due = time.monotonic()
     end: float | None = None
     counts = listener.counts
