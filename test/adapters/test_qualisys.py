@@ -189,6 +189,20 @@ def test_stamps_are_the_exposures_times_under_jitter(monkeypatch):
     assert np.abs(errors[exposed > start + 10.]).max() < 2e-4
 
 
+def test_a_measurement_that_begins_anew_has_a_clock_of_its_own(monkeypatch):
+    frames, now = [], [0.]
+    monkeypatch.setattr(qualisys, 'monotonic_ns', lambda: round(1e9 * now[0]))
+    client = QualisysClient('127.0.0.1', frames.append, print)
+    for number, (start, count) in enumerate(((0., 240), (100., 240))):
+        for k in range(count):
+            now[0] = start + .01 * k
+            # Both count frames and microseconds from their own beginning.
+            client.take(data_packet(k, 10_000 * k, {'3d': [[number, 0., 0.]]}))
+    stamps = np.array([1e-9 * (nanoseconds(frame.stamp) - wall_offset()) for frame in frames])
+    expected = np.concatenate((.01 * np.arange(240), 100. + .01 * np.arange(240)))
+    np.testing.assert_allclose(stamps, expected, atol=1e-3)
+
+
 def test_frames_of_another_connection_are_decoded_before_any_is_relayed(monkeypatch):
     monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
     asked, clients = [], []
