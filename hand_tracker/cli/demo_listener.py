@@ -140,13 +140,17 @@ class Listener:
                 self._on_labelled, hand, MarkerReader(LabelMap(
                     default_labels(hand.layout.names), hand.layout.names))),
                 LISTENER_DEPTH, raw=True)
-        quick = QoSProfile(depth=LISTENER_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(MarkerArray, 'markers', self._on_markers, quick, raw=True)
+        self._node = node
         node.create_subscription(
             JointState, 'joint_states', self._on_angles, LISTENER_DEPTH, raw=True)
         if TFMessage is not None:
             node.create_subscription(
                 TFMessage, '/tf', self._on_transforms, LISTENER_DEPTH, raw=True)
+
+    def listen_to_markers(self) -> None:
+        """Subscribe to the markers, for which the replay waits: the last topic of all."""
+        quick = QoSProfile(depth=LISTENER_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._node.create_subscription(MarkerArray, 'markers', self._on_markers, quick, raw=True)
 
     def _on_labelled(self, hand: ReceivedHand, reader: MarkerReader, message: bytes) -> None:
         frame = reader.read(message)

@@ -159,12 +159,6 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
                      broadcast='all', auto_size='false',
                      labels=f"'{WITHOUT_LABELS}'" if listener.is_anonymous else None, **presets)
     processes.append(tracker)
-    _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
-    # Where kernels are on disk they load now, not while frames wait.
-    rest = marker_positions(
-        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
-    palm = rest[first.palm_rows]
-    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
     # Those who wait for the first frame: the tracker and this listener.
     replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
                     side=side, markers=','.join(options.markers),
@@ -172,6 +166,14 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
                     handed=options.handed, frame_rate=options.frame_rate,
                     subject=options.subject, partial=options.partial)
     processes.append(replay)
+    # Where kernels are on disk they load now, while the nodes start.
+    rest = marker_positions(
+        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
+    palm = rest[first.palm_rows]
+    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
+    _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
+    # Nothing is played before.
+    listener.listen_to_markers()
     due = time.monotonic()
     end: float | None = None
     counts = listener.counts
