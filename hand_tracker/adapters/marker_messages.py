@@ -43,7 +43,7 @@ TAKEN_AS_THEY_ARE = {
     ('landmarks', NAMED_POSE_MESSAGE): NAMED_POSE_MESSAGE}
 UP_AS_TOLD = 'auto'             # upward axis: as the source says, else z
 # Parameters of the source node with the values at which it does nothing to the points.
-UNCHANGED = {'subject': ('',), 'up': (UP_AS_TOLD, 'z'), 'frame': (SOURCE_FRAME,)}
+UNCHANGED = {'subject': ('',), 'up': (UP_AS_TOLD, 'z', '+z'), 'frame': (SOURCE_FRAME,)}
 USUAL_LANDMARKS = min(LANDMARK_MARKERS)   # of a MarkerArray
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ..core.model.hand import BOTH, SIDES, Hand
@@ -12,7 +14,7 @@ from .cloud_size import SAMPLED_CLOUDS
 
 SEARCHED_CLOUDS = 7      # frames at most, of those with as many points as usual; ours
 EMPTY_CLOUDS = 2         # frames without a hand after which no more are searched; ours
-CLOUD_BUDGET = 40_000    # distances of points from markers that a search takes; ours
+CLOUD_BUDGET = 20_000    # distances of points from markers that a search takes; ours
 FRAME_LEAD = 20.         # by which a frame may count for one of the hypotheses, at most; ours
 DECISIVE_LEAD = 30.      # of all frames together, after which no more are searched; ours
 SECOND_HAND_COST = 40.   # by which two hands must fit better than one; ours
@@ -64,10 +66,7 @@ def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
     leads: list[np.ndarray] = []
     searched = 0
     for searched, frame in enumerate(frames, start=1):
-        cloud = frame[np.isfinite(frame).all(axis=1)].astype(float)
-        costs = np.array([labeller.frame_cost(cloud, CLOUD_BUDGET)
-                          for labeller in labellers.values()], dtype=float)
-        costs[-1] += SECOND_HAND_COST
+        costs = _frame_costs(frame[np.isfinite(frame).all(axis=1)].astype(float), labellers)
         # Too many points to be searched leave NaN.
         if costs.min() < 0.:
             leads.append(np.minimum(costs - costs.min(), FRAME_LEAD))
@@ -80,3 +79,19 @@ def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
     odds = np.exp(-.5 * np.mean(leads, axis=0))
     share = len(leads) / searched
     return dict(zip(labellers, (share * odds / odds.sum()).tolist()))
+
+
+def _frame_costs(cloud: np.ndarray, labellers: Mapping[str, CloudLabeller]) -> np.ndarray:
+    """Return the cost of each hypothesis in a frame, (n, 3) [m]; NaN where it is not searched."""
+    costs = np.full(len(labellers), np.nan)
+    # Degenerate points, of which plain Python warns, are no hand.
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        for row, side in enumerate(SIDES):
+            costs[row] = labellers[side].frame_cost(cloud, CLOUD_BUDGET)
+        # Two hands at least look like one of each side.
+        if costs[:len(SIDES)].max() < 0.:
+            costs[-1] = labellers[BOTH].frame_cost(cloud, CLOUD_BUDGET)
+            costs[-1] += SECOND_HAND_COST
+        else:
+            costs[-1] = 0.
+    return costs

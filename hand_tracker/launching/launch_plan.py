@@ -12,6 +12,7 @@ from ..adapters.marker_messages import (
     DirectInput,
     direct_input,
 )
+from ..adapters.point_frame import UPRIGHT
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..files.keystore import security_environment
@@ -131,6 +132,8 @@ class LaunchPlan:
         self.in_file = self._parameters_in_file(TRACKER_NAME)
         self.hand_parameters = self._shared_parameters()
         self._require_system('up', SYSTEMS)
+        if given['up'] not in ('', *UPRIGHT):
+            raise InvalidLaunch(f"up: '{given['up']}'; expected {' or '.join(UPRIGHT)}")
         self._require_system('latency', ('qualisys',))
         self.direct = self._direct_source()
         self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
@@ -207,8 +210,10 @@ class LaunchPlan:
     @property
     def source_parameters(self) -> dict[str, Any]:
         """Parameters of the source node that arguments set."""
-        texts = ('source', 'topic', 'message', 'server', 'subject', 'up')
+        texts = ('source', 'topic', 'message', 'server', 'subject')
         return {**{name: self.given[name] for name in texts if self.given[name]},
+                # In the YAML of parameters a plain y is true.
+                **({'up': f'+{self.given["up"]}'} if self.given['up'] else {}),
                 **({'latency': self.number('latency')} if self.given['latency'] else {})}
 
     @property

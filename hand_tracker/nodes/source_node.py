@@ -92,7 +92,8 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('hand_file', '', 'Hand file with the markers that are worn, where layout is empty'),
     Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
     Parameter('up', UP_AS_TOLD, "Axis that is up in the source's data, of which y is turned "
-              'upright; auto: as Qualisys says, z of others', choices=(UP_AS_TOLD, *UPRIGHT)),
+              'upright (+y in a file, where y is true); auto: as Qualisys says, z of others',
+              choices=(UP_AS_TOLD, *UPRIGHT, *(f'+{axis}' for axis in UPRIGHT))),
 ))
 
 
@@ -216,7 +217,7 @@ class SourceNode(Node):
         values = self._values
         if values['subject']:
             frame = of_subject(frame, values['subject'])
-        up = values['up']
+        up = values['up'].removeprefix('+')
         if up == UP_AS_TOLD:
             up = self._client.up if self._client is not None else 'z'
             if up not in UPRIGHT:

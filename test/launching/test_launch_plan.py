@@ -78,13 +78,14 @@ def test_a_source_is_told_its_upward_axis_and_its_latency():
     plan = plan_of(source='qualisys', up='y', latency='0.004')
     assert plan.has_source
     assert {name: plan.tracker_parameters[name] for name in ('up', 'latency')} == {
-        'up': 'y', 'latency': .004}
+        'up': '+y', 'latency': .004}
     # Points that are turned need a source node.
     assert plan_of(source='point_cloud', up='z').direct
     assert not plan_of(source='point_cloud', up='y').direct
     for given, fault in (
             ({'source': 'qualisys', 'latency': 'much'}, "latency: 'much'; expected a number"),
             ({'source': 'natnet', 'latency': '0.1'}, 'expected for source:=qualisys only'),
+            ({'source': 'natnet', 'up': 'x'}, "up: 'x'; expected z or y"),
             ({'up': 'y'}, 'expected for source:=point_cloud, mocap4r2, natnet, qualisys, ')):
         with pytest.raises(InvalidLaunch, match=fault):
             plan_of(**given)

@@ -185,7 +185,7 @@ def test_a_client_with_a_fault_begins_anew(monkeypatch, capfd):
 
 @pytest.mark.parametrize('said, asked, turn', [
     ('+Z', {}, np.eye(3)), ('-Z', {}, np.eye(3)), ('+Y', {}, UPRIGHT['y']),
-    ('+Y', {'up': 'z'}, np.eye(3)), ('+Z', {'up': 'y'}, UPRIGHT['y'])])
+    ('+Y', {'up': 'z'}, np.eye(3)), ('+Z', {'up': '+y'}, UPRIGHT['y'])])
 def test_qtm_comes_out_as_markers_with_z_up(said, asked, turn, capfd):
     with QtmServer(MARKERS, up=said) as server, source(
             source='qualisys', server='127.0.0.1', port=server.port, **asked) as (_, watch):
