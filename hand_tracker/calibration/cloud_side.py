@@ -82,8 +82,8 @@ def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
 
 
 def _frame_costs(cloud: np.ndarray, labellers: Mapping[str, CloudLabeller]) -> np.ndarray:
-    """Return the cost of each hypothesis in a frame, (n, 3) [m]; NaN where it is not searched."""
-    costs = np.full(len(labellers), np.nan)
+    """Return the cost of each hypothesis in a frame, (n, 3) [m]: 0 of no hand, NaN of too many."""
+    costs = np.zeros(len(labellers))
     # Degenerate points, of which plain Python warns, are no hand.
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         for row, side in enumerate(SIDES):
@@ -92,6 +92,4 @@ def _frame_costs(cloud: np.ndarray, labellers: Mapping[str, CloudLabeller]) -> n
         if costs[:len(SIDES)].max() < 0.:
             costs[-1] = labellers[BOTH].frame_cost(cloud, CLOUD_BUDGET)
             costs[-1] += SECOND_HAND_COST
-        else:
-            costs[-1] = 0.
     return costs

@@ -146,12 +146,8 @@ def write_glb(path: Path, motion: SkeletonMotion, *meshes: BoundMesh) -> None:
         for number, mesh in enumerate(meshes):
             roots.append(len(nodes))
             nodes.append({'name': mesh.name, 'mesh': number, 'skin': 0})
-        origins = np.zeros((count, 3))
-        for joint, parent in enumerate(motion.parents):
-            if parent >= 0:
-                origins[joint] = origins[parent] + motion.offsets[joint]
         inverse = np.tile(np.eye(4, dtype=np.float32), (count, 1, 1))
-        inverse[:, 3, :3] = -origins    # by columns, as glTF has matrices
+        inverse[:, 3, :3] = -motion.origins    # by columns, as glTF has matrices
         document['skins'] = [{'joints': list(range(count)), 'skeleton': 0,
                               'inverseBindMatrices': buffer.add(
                                   inverse.reshape(count, 16), 'MAT4')}]

@@ -70,6 +70,15 @@ class SkeletonMotion(NamedTuple):
         """The usual time between two frames [s]."""
         return usual_step(self.times)
 
+    @property
+    def origins(self) -> np.ndarray:
+        """Where the joints are in the T-pose, from the root, shape (J, 3) [m]."""
+        origins = np.zeros((len(self.parents), 3))
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                origins[joint] = origins[parent] + self.offsets[joint]
+        return origins
+
 
 class HandAngles(NamedTuple):
     """Angles and wrist of one hand over time.

@@ -80,10 +80,7 @@ def body_mesh(skeleton: SkeletonMotion, hands: Sequence[tuple[SplicedHand, Hand]
     -------
     BoundMesh
     """
-    origins = np.zeros((len(skeleton.names), 3))
-    for joint, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            origins[joint] = origins[parent] + skeleton.offsets[joint]
+    origins = skeleton.origins
     meshes: list[BoundMesh] = []
     of_hands: set[int] = set()
     for spliced, hand in hands:
