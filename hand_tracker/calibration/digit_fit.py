@@ -13,6 +13,9 @@ CHOSEN_FRAMES = 150
 LEAST_DISTANCE = .002         # [m] of chosen frames, in the space of the digit's markers
 # Frames as good as independent: errors of skin and palm persist as long as a posture. Ours.
 INDEPENDENT_POSTURES = 40
+# Of a finger and of a thumb with one marker: each frame's angles meet it in many shapes, of which
+# errors of skin and usual postures would choose one farther from the person's. From captures.
+ONE_MARKER_POSTURES, ONE_MARKER_POSTURES_OF_THUMB = 4., .03
 FIRST_NOISE = .001            # [m] of a marker on an axis, skin included
 # [m] The lower one also of a marker that the tracker meets: the palm's pose has its noise too.
 NOISE_BOUNDS = (.0006, .004)
@@ -62,12 +65,13 @@ def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
     return starts
 
 
-def chosen_problem(problem: DigitProblem) -> DigitProblem:
+def chosen_problem(problem: DigitProblem, is_thumb: bool) -> DigitProblem:
     """Return the problem reduced to the frames of best coverage, weighted."""
     frames = spread_frames(problem.points, CHOSEN_FRAMES, LEAST_DISTANCE)
+    independent = (INDEPENDENT_POSTURES if len(problem.noise) > 1
+                   else ONE_MARKER_POSTURES_OF_THUMB if is_thumb else ONE_MARKER_POSTURES)
     return problem._replace(
-        points=problem.points[frames],
-        weight=min(1., INDEPENDENT_POSTURES / max(len(frames), 1)))
+        points=problem.points[frames], weight=min(1., independent / max(len(frames), 1)))
 
 
 def fit_digit(problem: DigitProblem, starts: np.ndarray,

@@ -239,7 +239,8 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
         digit_chain(mean, digit, marked.links), local[:, columns],
         np.full(len(columns), FIRST_NOISE), digit_posture(mean, digit, marked.links),
         digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp')),
-        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.))
+        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.),
+        DIGITS[digit] == 'thumb')
     return chosen if len(chosen.points) else None
 
 
