@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS
+from ..core.model.hand import ABDUCTION_JOINTS, DIGITS, FINGERS, FLEXION_JOINTS
 
-# Range of a joint that a calibration asks for [degrees]; ours.
-WANTED_FLEXION = 50.
+# Range of a joint that a calibration asks for [degrees]; ours. Of the first and second flexion of
+# each digit, index finger to thumb: a thumb's have 40 and 35 degrees in Table 1.
+WANTED_FLEXION = (*((50., 50.),) * len(FINGERS), (30., 18.))
 # Of the abduction of each digit, index finger to thumb: the live calibration asks for 16 between
 # index and little finger, of which each has a share as in a spread of simulated hands; the middle
 # finger, from which the others spread, hardly turns.
@@ -66,7 +67,7 @@ def coverage(angles: np.ndarray) -> list[Covered]:
     for row, digit in enumerate(DIGITS):
         rows = (ABDUCTION_JOINTS[row], *FLEXION_JOINTS[row, :2])
         for joint, kind, wanted in zip(rows, ('turn', 'first', 'second'), (
-                WANTED_ABDUCTION[row], WANTED_FLEXION, WANTED_FLEXION)):
+                WANTED_ABDUCTION[row], *WANTED_FLEXION[row])):
             seen = float(high[joint] - low[joint])
             task = TASKS['thumb' if digit == 'thumb' else 'finger', kind].format(digit=digit)
             found.append(Covered(digit, kind, seen, min(1., seen / wanted), task))

@@ -198,6 +198,18 @@ def test_eight_markers_alone_tell_the_length_and_little_else():
     assert max(marker_misses(fit, gather([take])).values()) < .002
 
 
+@pytest.mark.parametrize('length, breadth', [(.175, .08), (.205, .095)])
+def test_one_marker_on_a_digit_leaves_its_shape_near_the_usual(length, breadth):
+    # Usual postures, frame by frame, once outweighed the usual shape: the thumb's axis leaned by 21
+    # degrees, which the marker alone does not show.
+    usual = Hand.scaled(length, breadth)
+    take, _ = simulated_take(usual, WORN_PLACES)
+    hand = fit_markers([take]).hand
+    assert np.degrees(np.arccos(hand.thumb_abduction_axis @ usual.thumb_abduction_axis)) < 2.
+    np.testing.assert_allclose(hand.thumb_bones, usual.thumb_bones, atol=.002)
+    np.testing.assert_allclose(hand.finger_bones[:, :2], usual.finger_bones[:, :2], atol=.0022)
+
+
 def test_gaps_and_outliers_do_no_harm():
     take, _, fit = large_hand()
     random = np.random.default_rng(2)
