@@ -1,6 +1,7 @@
 """Hand tracker's commands; `hand_tracker COMMAND --help` lists the options of each."""
 
 import os
+import signal
 import sys
 from importlib import import_module
 
@@ -25,12 +26,26 @@ COMMANDS = {
     'record': 'make a packaged recording again',
 }
 
+BROKEN_PIPE_EXIT_CODE = 128 + signal.SIGPIPE  # as of a process that the signal ended
+
 # Commands that track at once, in plain Python where the kernels are not on disk yet.
 START_AT_ONCE = {'convert', 'demo', 'inspect', 'plot', 'splice', 'track'}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
+    try:
+        try:
+            return _run(arguments)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Nobody reads on, as behind `| head`: what is left to write goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE_EXIT_CODE
+
+
+def _run(arguments: list[str] | None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:

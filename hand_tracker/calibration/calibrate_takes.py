@@ -73,13 +73,13 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
     covered = coverage(fit.postures)
     lines = [report.verdict(), '', *report.lines(), '', *_coverage_lines(covered)]
-    print('\n'.join(lines))
     worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)
     save_hand(output, fit.hand, worn)
     with open(output, 'a', encoding='utf-8') as file:
         file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
                            ('', f'Fitted to {", ".join(take.name for take in takes)}:', *lines,
                             '', *report.table())))
+    print('\n'.join(lines))
     save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
     return (f'{output}: hand of {1e3 * fit.length:.0f} mm, and at its end each fitted parameter '
             f'with its standard deviation; its markers are drawn in {picture}')

@@ -9,6 +9,7 @@ from pathlib import Path
 from ..core.model.hand import LIMIT_PRESETS, SIDES, WEARER_LIMITS
 from ..parallel import Interruptions
 from .recording_options import add_layout_option, add_marker_options, run_command
+from .reporting import reporting
 
 
 def _calibrate(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -41,6 +42,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Fit a person's hand, and where the markers are on it, to takes of a moving hand.
 

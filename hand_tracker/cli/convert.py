@@ -18,6 +18,7 @@ from .recording_options import (
     reading_options,
     run_command,
 )
+from .reporting import reporting
 from .track import add_motion_options, settle_motion_options
 
 
@@ -80,6 +81,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Write a recording in another format, known by the suffix of OUT.
 

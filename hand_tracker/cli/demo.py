@@ -10,7 +10,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..core.errors import HandTrackerError
 from ..interruption import ended_by_interrupt
 from ..viewer.page_options import add_page_options
 from .recording_options import (
@@ -20,6 +19,7 @@ from .recording_options import (
     add_reading_options,
     require_inputs,
 )
+from .reporting import reporting
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
@@ -50,21 +50,15 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit code."""
     options = _parse(args)
-    try:
-        require_inputs(options)
-        # With all that reads and tracks, for which a wrong option need not wait.
-        with ended_by_interrupt():
-            from .demo_hands import demonstrate
-        demonstrate(options)
-    except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker demo: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print()
-        return 130
+    require_inputs(options)
+    # With all that reads and tracks, for which a wrong option need not wait.
+    with ended_by_interrupt():
+        from .demo_hands import demonstrate
+    demonstrate(options)
     return 0
 
 

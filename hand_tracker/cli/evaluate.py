@@ -16,6 +16,7 @@ from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
 from ..evaluation.evaluation_options import Options
 from .recording_options import add_frame_rate_option, require_inputs
+from .reporting import reporting
 
 # Readers and tracker are imported where they are used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -205,36 +206,31 @@ def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
     return found, all_faults
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
     names = _names(parser, chosen.name, chosen.files)
-    try:
-        require_inputs(chosen)
-        from ..files.layout_file import choose_layout
-        from ..tracking.compile_kernels import prepare_kernels
+    require_inputs(chosen)
+    from ..files.layout_file import choose_layout
+    from ..tracking.compile_kernels import prepare_kernels
 
-        for folder in (chosen.output, *(file.parent for file in (chosen.json, chosen.results)
-                                        if file)):
-            if folder:
-                folder.mkdir(parents=True, exist_ok=True)
-        given, faults = _evaluation_input(
-            names, chosen.files, chosen.fit,
-            choose_layout(chosen.layout) if chosen.layout else None, chosen.frame_rate)
-        names = [name for name in names if EVALUATIONS[name].can_judge(given.kinds())]
-        options = Options(given.captures, chosen.seed, chosen.jobs, chosen.output, chosen.quiet,
-                          takes=given.takes, fit_takes=given.fit_takes,
-                          layout_takes=given.layout_takes,
-                          fit_layout_takes=given.fit_layout_takes)
-        for fault in faults:
-            options.leave_out(str(fault))
-        prepare_kernels(options.say)
-        return _evaluate(parser, names, chosen, options)
-    except (HandTrackerError, OSError) as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
+    for folder in (chosen.output, *(file.parent for file in (chosen.json, chosen.results)
+                                    if file)):
+        if folder:
+            folder.mkdir(parents=True, exist_ok=True)
+    given, faults = _evaluation_input(
+        names, chosen.files, chosen.fit,
+        choose_layout(chosen.layout) if chosen.layout else None, chosen.frame_rate)
+    names = [name for name in names if EVALUATIONS[name].can_judge(given.kinds())]
+    options = Options(given.captures, chosen.seed, chosen.jobs, chosen.output, chosen.quiet,
+                      takes=given.takes, fit_takes=given.fit_takes,
+                      layout_takes=given.layout_takes,
+                      fit_layout_takes=given.fit_layout_takes)
+    for fault in faults:
+        options.leave_out(str(fault))
+    prepare_kernels(options.say)
+    return _evaluate(parser, names, chosen, options)
 
 
 def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argparse.Namespace,

@@ -7,7 +7,6 @@ import json
 import sys
 from pathlib import Path
 
-from ..core.errors import HandTrackerError
 from .recording_options import (
     add_reading_options,
     add_topic_option,
@@ -15,8 +14,10 @@ from .recording_options import (
     reading_options,
     require_inputs,
 )
+from .reporting import reporting
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Print a recording's labels, rate, units, gaps and likely layouts."""
     parser = argparse.ArgumentParser(prog='hand_tracker inspect', description=main.__doc__)
@@ -28,20 +29,16 @@ def main(arguments: list[str] | None = None) -> int:
     add_zeros_option(parser)
     add_reading_options(parser)
     options = parser.parse_args(arguments)
-    try:
-        require_inputs(options)
-        # Here, so that a wrong option is reported at once.
-        from ..calibration.known_layouts import likely_layouts
-        from ..calibration.recorded_points import recorded_points
-        from .inspect_recording import next_command, summary, summary_lines
+    require_inputs(options)
+    # Here, so that a wrong option is reported at once.
+    from ..calibration.known_layouts import likely_layouts
+    from ..calibration.recorded_points import recorded_points
+    from .inspect_recording import next_command, summary, summary_lines
 
-        recording = recorded_points(options.recording, reading_options(options))
-        layouts = likely_layouts(recording)
-        found = summary(recording, layouts)
-        command = next_command(options.recording, recording, layouts, options)
-    except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker inspect: {error}', file=sys.stderr)
-        return 1
+    recording = recorded_points(options.recording, reading_options(options))
+    layouts = likely_layouts(recording)
+    found = summary(recording, layouts)
+    command = next_command(options.recording, recording, layouts, options)
     if options.json:
         print(json.dumps({**found, 'next': command}, allow_nan=False))
     else:

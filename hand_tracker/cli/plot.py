@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
+from .reporting import reporting
 
 
 def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -34,6 +35,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Track a recording without ROS, and plot the angles of each digit over time."""
     return run_command('hand_tracker plot', _plot_file, _parse(args))

@@ -1,14 +1,16 @@
 """`hand_tracker record`: simulate a packaged recording again."""
 
 import argparse
+import sys
 from pathlib import Path
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
 from ..package_data import PACKAGED_RECORDINGS
+from .reporting import reporting
 
 
-def main(arguments: list[str] | None = None) -> None:
+@reporting
+def main(arguments: list[str] | None = None) -> int:
     """Make a packaged recording again."""
     parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
     parser.add_argument('--side', choices=tuple(PACKAGED_RECORDINGS), default='right',
@@ -32,16 +34,14 @@ def main(arguments: list[str] | None = None) -> None:
     recordings = packaged_recordings(chosen.side)
     messages = (both_hands_messages(recordings) if chosen.side == BOTH
                 else recording_messages(recordings[chosen.side], chosen.side))
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        write_bag(output, messages)
-    except (OSError, HandTrackerError) as error:
-        parser.exit(1, f'{parser.prog}: {error}\n')
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_bag(output, messages)
     markers = np.stack([recording.markers for recording in recordings.values()])
     lost = np.isnan(markers).any(axis=3).mean()
     print(f'{output}: {markers.shape[1]} frames at {RECORDING_RATE:g} Hz, '
           f'{100 * lost:.1f} % of the markers lost')
+    return 0
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

@@ -386,9 +386,6 @@ def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], s
     try:
         require_inputs(options)
         print(work(options, raise_on_interruption()))
-    except (HandTrackerError, OSError) as error:
-        print(f'{name}: {error}', file=sys.stderr)
-        return 1
     except KeyboardInterrupt:
         print(f'{name}: interrupted; no unfinished file is left', file=sys.stderr)
         return 130

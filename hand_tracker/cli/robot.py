@@ -4,13 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..package_data import packaged_recording
 from . import view
 from .recording_options import require_inputs
+from .reporting import reporting
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Run the command.
 
@@ -43,42 +44,34 @@ def main(args: list[str] | None = None) -> int:
                       help='as for inspect')
     show.add_argument('--side', choices=SIDES, default=SIDES[0], help="the person's")
     options = parser.parse_args(args)
-    try:
-        require_inputs(options)
-    except HandTrackerError as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
+    require_inputs(options)
     if options.command == 'view':
         return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
                           options.robot, '--robot-description', options.urdf])
-    try:
-        # Here, so that a wrong option is reported at once.
-        from ..retargeting.robot_file import load_robot
-        from ..retargeting.robot_inspection import findings, robot_file_text
+    # Here, so that a wrong option is reported at once.
+    from ..retargeting.robot_file import load_robot
+    from ..retargeting.robot_inspection import findings, robot_file_text
 
-        loaded = load_robot(options.robot, options.urdf, options.side)
-        for line in findings(loaded):
-            print(line)
-        for line in loaded.notes:
-            print(f'unsure: {line}')
-        if options.output:
-            text = robot_file_text(loaded, loaded.urdf)
-            Path(options.output).write_text(text, encoding='utf-8')
-            print(f'{options.output}: the robot file written')
-        if options.picture:
-            from .robot_poses import draw_robot
+    loaded = load_robot(options.robot, options.urdf, options.side)
+    for line in findings(loaded):
+        print(line)
+    for line in loaded.notes:
+        print(f'unsure: {line}')
+    if options.output:
+        text = robot_file_text(loaded, loaded.urdf)
+        Path(options.output).write_text(text, encoding='utf-8')
+        print(f'{options.output}: the robot file written')
+    if options.picture:
+        from .robot_poses import draw_robot
 
-            draw_robot(options.picture, loaded, options.hand)
-            print(f'{options.picture}: the robot beside a human hand, in five poses')
-        if options.output:
-            side = '' if loaded.hand.side == SIDES[0] else f' --side {loaded.hand.side}'
-            launched = '' if loaded.hand.side == SIDES[0] else f' side:={loaded.hand.side}'
-            print(f'next: hand_tracker robot view {options.output}{side}, in the browser; or ros2 '
-                  'launch hand_tracker track.launch.py source:=markers '
-                  f'robot:={Path(options.output).absolute()}{launched}')
-    except (HandTrackerError, OSError) as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
+        draw_robot(options.picture, loaded, options.hand)
+        print(f'{options.picture}: the robot beside a human hand, in five poses')
+    if options.output:
+        side = '' if loaded.hand.side == SIDES[0] else f' --side {loaded.hand.side}'
+        launched = '' if loaded.hand.side == SIDES[0] else f' side:={loaded.hand.side}'
+        print(f'next: hand_tracker robot view {options.output}{side}, in the browser; or ros2 '
+              'launch hand_tracker track.launch.py source:=markers '
+              f'robot:={Path(options.output).absolute()}{launched}')
     return 0
 
 

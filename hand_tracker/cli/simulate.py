@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
 from .recording_options import add_layout_option, require_inputs
+from .reporting import reporting
 
 # What simulates is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -75,30 +75,25 @@ def _parse(
     return parser, chosen
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}
-    try:
-        require_inputs(chosen)
-        from ..files.bags import write_bag
-        from ..files.hand_file import save_hand
-        from ..simulation.faults import Faults
-        from ..simulation.simulator import Simulation, calibrated, simulated_hand
+    require_inputs(chosen)
+    from ..files.bags import write_bag
+    from ..files.hand_file import save_hand
+    from ..simulation.faults import Faults
+    from ..simulation.simulator import Simulation, calibrated, simulated_hand
 
-        hand, layout = simulated_hand(chosen.hand, chosen.side, chosen.layout)
-        simulation = Simulation(
-            chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
-            chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
-        frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
-        write_bag(chosen.output, (message for frame in frames for message in frame))
-        if chosen.calibration:
-            save_hand(chosen.calibration, *calibrated(hand, layout, chosen.seed))
-    except (HandTrackerError, OSError) as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
+    hand, layout = simulated_hand(chosen.hand, chosen.side, chosen.layout)
+    simulation = Simulation(
+        chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
+        chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
+    frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
+    write_bag(chosen.output, (message for frame in frames for message in frame))
+    if chosen.calibration:
+        save_hand(chosen.calibration, *calibrated(hand, layout, chosen.seed))
     share = 100. * count['lost'] / (count['frames'] * len(layout.names))
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')

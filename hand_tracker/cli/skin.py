@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from .recording_options import add_hand_options, require_inputs
+from .reporting import reporting
 
 # What makes the skin is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 SKIN_PICTURES = 'poses.png', 'weights.png', 'blending.png'
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code.
 
@@ -34,22 +35,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, default=Path('skin_output'),
                         help=f"for {', '.join(SKIN_PICTURES)}; default: %(default)s")
     options = parser.parse_args(arguments)
-    try:
-        require_inputs(options)
-        from ..files.hand_file import choose_hand
-        from ..skin import pictures
-        from ..skin.load import load_skin
-        from ..skin.measure import volume
+    require_inputs(options)
+    from ..files.hand_file import choose_hand
+    from ..skin import pictures
+    from ..skin.load import load_skin
+    from ..skin.measure import volume
 
-        hand, _ = choose_hand(options.hand, options.side, options.limits, options.coupling)
-        print('Making the skin and drawing it ...', flush=True)
-        skin = load_skin(hand, options.mesh)
-        options.output.mkdir(parents=True, exist_ok=True)
-        for name in SKIN_PICTURES:
-            getattr(pictures, f'save_{Path(name).stem}')(options.output / name, hand, skin)
-    except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker skin: {error}', file=sys.stderr)
-        return 1
+    hand, _ = choose_hand(options.hand, options.side, options.limits, options.coupling)
+    print('Making the skin and drawing it ...', flush=True)
+    skin = load_skin(hand, options.mesh)
+    options.output.mkdir(parents=True, exist_ok=True)
+    for name in SKIN_PICTURES:
+        getattr(pictures, f'save_{Path(name).stem}')(options.output / name, hand, skin)
     print(f'{len(skin.vertices)} vertices, {len(skin.faces)} triangles, '
           f'{1e6 * volume(skin.vertices, skin.faces):.0f} ml; pictures in {options.output}')
     print('\n'.join(report(hand, skin)))

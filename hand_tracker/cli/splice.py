@@ -10,6 +10,7 @@ from ..files.point_recording import UNIT_SPELLINGS
 from ..files.written_kinds import WRISTS
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
+from .reporting import reporting
 
 
 def _splice(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -19,6 +20,7 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions) -> str:
     return splice_recordings(options, interrupted)
 
 
+@reporting
 def main(arguments: list[str] | None = None) -> int:
     """Put tracked hands on the body that another system captured, whose joints stay as they are.
 

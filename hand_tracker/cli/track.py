@@ -18,6 +18,7 @@ from ..files.written_kinds import (
 )
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
+from .reporting import reporting
 
 # Options of skeletons: the outputs that they are for, and what they are where they are not given.
 MOTION_OPTIONS = {'names': (SKELETON_KINDS, NAMINGS[0]),
@@ -95,6 +96,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Track recordings without ROS, and write the angles of every frame."""
     options = _parse(args)

@@ -4,11 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import LIMIT_PRESETS, SIDES
 from .recording_options import require_inputs
+from .reporting import reporting
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Run the command.
 
@@ -30,21 +31,17 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--prefix', default='', help='put before every joint and link')
     parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')
     options = parser.parse_args(args)
-    try:
-        require_inputs(options)
-        # Here, so that a wrong option is reported at once.
-        from ..files.hand_file import choose_hand
-        from ..files.urdf_file import urdf
+    require_inputs(options)
+    # Here, so that a wrong option is reported at once.
+    from ..files.hand_file import choose_hand
+    from ..files.urdf_file import urdf
 
-        hand, _ = choose_hand(options.hand, options.side, options.limits)
-        text = urdf(hand, options.prefix)
-        if options.output:
-            Path(options.output).write_text(text, encoding='utf-8')
-        else:
-            sys.stdout.write(text)
-    except (HandTrackerError, OSError) as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
+    hand, _ = choose_hand(options.hand, options.side, options.limits)
+    text = urdf(hand, options.prefix)
+    if options.output:
+        Path(options.output).write_text(text, encoding='utf-8')
+    else:
+        sys.stdout.write(text)
     return 0
 
 

@@ -6,7 +6,6 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from ..core.errors import HandTrackerError
 from ..package_data import packaged_recording
 from ..viewer.page_options import add_page_options
 from .recording_options import (
@@ -16,6 +15,7 @@ from .recording_options import (
     recorded_reading,
     require_inputs,
 )
+from .reporting import reporting
 
 # The viewer is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -59,18 +59,13 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     return source
 
 
+@reporting
 def main(args: list[str] | None = None) -> int:
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
-    try:
-        require_inputs(options)
-        source = _source(options)
-        from ..viewer.serve import view
+    require_inputs(options)
+    source = _source(options)
+    from ..viewer.serve import view
 
-        view(source, options, source.hand)
-    except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker view: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
+    view(source, options, source.hand)
     return 0

@@ -18,6 +18,7 @@ import pytest
 import hand_tracker
 from benchmarks.repository import REPOSITORY
 from hand_tracker import TrackerOptions, package_data
+from hand_tracker.__main__ import BROKEN_PIPE_EXIT_CODE
 from hand_tracker.entry import NODES
 from hand_tracker.nodes.tracker_parameters import START
 
@@ -152,6 +153,15 @@ def test_what_is_wrong_is_said_before_anything_heavy_is_imported(arguments):
         REPOSITORY, *arguments).splitlines()[-2:]
     assert code in ('1', '2')
     assert set(modules.split()) & {'matplotlib', 'numba', 'rclpy', 'rosbags', 'scipy'} == set()
+
+
+@pytest.mark.parametrize('arguments', [['--help'], ['urdf']], ids=' '.join)
+def test_output_that_nobody_reads_ends_a_command_quietly(arguments):
+    with subprocess.Popen([sys.executable, '-m', 'hand_tracker', *arguments], cwd=REPOSITORY,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ''
+    assert process.returncode == BROKEN_PIPE_EXIT_CODE
 
 
 def test_manifest_is_a_format_3_ament_python_package(manifest):
