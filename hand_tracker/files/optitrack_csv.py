@@ -96,7 +96,7 @@ def read_optitrack_csv(path: Path, file: IO[bytes], zero_is_missing: bool = True
         count_of(head.get('total exported frames', head.get('total frames in take', ''))),
         partial)
     rate, times = frame_times(number_of(head.get(
-        'export frame rate', head.get('capture frame rate', ''))), found.times)
+        'export frame rate', head.get('capture frame rate', ''))), found.times, found.numbers)
     notes += [note for note in (repeated, found.note) if note]
     if any(label == '' for label in unique):
         notes.append(f'{unique.count("")} columns without a label: '

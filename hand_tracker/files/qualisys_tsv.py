@@ -58,7 +58,8 @@ def read_qualisys_tsv(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         table, '\t', lead + 3 * count, lead + np.arange(3 * count).reshape(-1, 3),
         PointBuffer(path, unique, zero_is_missing), 1 if lead > 1 else None,
         count_of(head.get(QTM_START, [''])[0]), partial, 0 if lead else None)
-    rate, times = frame_times(number_of(head.get('FREQUENCY', [''])[0]), found.times)
+    rate, times = frame_times(number_of(head.get('FREQUENCY', [''])[0]),
+                              found.times, found.numbers)
     notes = tuple(note for note in (repeated, found.note) if note)
     return PointRecording(path.name, 'Qualisys TSV', found.labels, found.points, rate,
                           times, Axes(), notes), Axes('mm', None)

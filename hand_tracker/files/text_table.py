@@ -303,13 +303,16 @@ class TablePoints(NamedTuple):
         As in the file.
     times : ndarray, shape (T,), or None
         None where there is no column of increasing times [s].
+    numbers : ndarray, shape (T,), or None
+        Of the frames; None where they are one after another, or no count of them.
     note : str
-        Where the file is cut, else empty.
+        Where the file is cut, or leaves frames out; else empty.
     """
 
     labels: tuple[str, ...]
     points: np.ndarray
     times: np.ndarray | None
+    numbers: np.ndarray | None
     note: str
 
 
@@ -344,15 +347,16 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
     RecordingError
     """
     times: list[np.ndarray] = []
-    first = last = np.nan
+    numbers: list[np.ndarray] = []
     for rows in table.numbers(delimiter, columns):
         buffer.append(rows.numbers[:, coordinates])
         if frame_column is not None:
-            first = rows.numbers[0, frame_column] if np.isnan(first) else first
-            last = rows.numbers[-1, frame_column]
+            numbers.append(rows.numbers[:, frame_column].copy())
         if time_column is not None:
             times.append(rows.numbers[:, time_column].copy())
     frames = buffer.frames
+    counted = np.concatenate(numbers) if numbers else np.full(1, np.nan)
+    first, last = counted[0], counted[-1]
     note = ''
     left_out = last - first + 1. - frames if frames else 0.
     if left_out > 0.:
@@ -367,10 +371,15 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
         raise table.fault('no frames; expected rows of numbers')
     labels, points = buffer.finish()
     seconds = np.concatenate(times) if times else np.empty(0)
-    # Damaged numbers may be any, as no clock shows them.
-    is_increasing = (len(seconds) > 1 and bool(np.abs(seconds).max() < LATEST_TIME)
-                     and bool((np.diff(seconds) > 0.).all()))
-    return TablePoints(labels, points, seconds if is_increasing else None, note)
+    skip = left_out > 0. and _is_increasing(counted) and np.median(np.diff(counted)) == 1.
+    return TablePoints(labels, points, seconds if _is_increasing(seconds) else None,
+                       counted if skip else None, note)
+
+
+def _is_increasing(values: np.ndarray) -> bool:
+    """Return whether values increase: damaged ones may be any, such as no clock shows."""
+    return bool(len(values) > 1 and np.abs(values).max() < LATEST_TIME
+                and (np.diff(values) > 0.).all())
 
 
 def write_point_rows(path: Path, header: str, recording: PointRecording, matrix: np.ndarray,
@@ -428,7 +437,8 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
     return nominal_rate(times) or 1. / step
 
 
-def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:
+def frame_times(rate: float, times: np.ndarray | None, numbers: np.ndarray | None = None
+                ) -> tuple[float, np.ndarray | None]:
     """Return frame rate and times; evenly spaced times are freed of the file's rounding.
 
     Parameters
@@ -437,6 +447,8 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
         Of the file's header, NaN where it has none [Hz].
     times : ndarray, shape (T,), or None
         As in the file [s].
+    numbers : ndarray, shape (T,), optional
+        Of the frames, where some are left out: without times they tell when.
 
     Returns
     -------
@@ -447,7 +459,8 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
     """
     known = known_rate(rate, times)
     if times is None:
-        return known, None
+        return known, None if numbers is None or np.isnan(known) else (
+            numbers - numbers[0]) / known
     periods = np.round(np.diff(times) * known)
     if not periods.all():
         return known, times

@@ -87,7 +87,7 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         PointBuffer(path, unique, zero_is_missing), 1, count_of(head.get('numframes', '')),
         partial)
     units = unit_name(head.get('units', ''))
-    rate, times = frame_times(number_of(head.get('datarate', '')), found.times)
+    rate, times = frame_times(number_of(head.get('datarate', '')), found.times, found.numbers)
     notes = [note for note in (repeated, found.note) if note]
     if head.get('units') and units is None:
         notes.append(f'units {head["units"]!r} are no length')

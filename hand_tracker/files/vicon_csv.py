@@ -17,6 +17,7 @@ from .point_recording import (
 )
 from .text_table import (
     TextTable,
+    frame_times,
     known_rate,
     number_of,
     read_points,
@@ -76,8 +77,9 @@ def read_vicon_csv(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         table, delimiter, len(axes), np.array(starts)[:, None] + np.arange(3),
         PointBuffer(path, unique, zero_is_missing), None, None, partial)
     notes = tuple(note for note in (repeated, found.note) if note)
-    rate = known_rate(number_of(rate_cells[0] if rate_cells else ''), None)
-    return PointRecording(path.name, 'Vicon CSV', found.labels, found.points, rate, None, Axes(),
+    rate, times = frame_times(number_of(rate_cells[0] if rate_cells else ''),
+                              found.times, found.numbers)
+    return PointRecording(path.name, 'Vicon CSV', found.labels, found.points, rate, times, Axes(),
                           notes), Axes(unit)
 
 

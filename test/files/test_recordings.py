@@ -235,6 +235,22 @@ def test_a_vicon_file_with_devices_in_front_is_read(tmp_path):
     assert np.isnan(found.points[0, 1]).all()
 
 
+@pytest.mark.parametrize('suffix', ['.tsv', 'vicon.csv'])
+def test_frames_that_are_left_out_keep_their_times_without_a_column_of_times(tmp_path, suffix):
+    recording = hand_recording(60)
+    path = written(tmp_path, recording, suffix)
+    lines = path.read_text().splitlines(keepends=True)
+    head, rows = lines[:-60], lines[-60:]
+    if suffix == '.tsv':
+        head[-1] = head[-1].replace('Time\t', '')
+        rows = [row.replace(f'\t{row.split()[1]}\t', '\t', 1) for row in rows]
+    path.write_text(''.join((*head, *rows[:20], *rows[50:])))
+    found = read_recording(path)
+    assert found.rate == 120. and found.left_out == 30
+    np.testing.assert_allclose(found.times()[[19, 20]], np.array((19, 50)) / 120.)
+    np.testing.assert_allclose(found.points[20], recording.points[50], atol=2e-7)
+
+
 @pytest.mark.parametrize('suffix', ['.c3d', '.trc', '.tsv', '.csv', 'vicon.csv'])
 def test_a_cut_file_is_refused_or_read_as_far_as_it_goes(tmp_path, suffix):
     recording = hand_recording(30)
