@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -203,11 +203,7 @@ def with_recognised_axes(recording: PointRecording,
         what = 'body' if body_size else 'hand'
         notes += (f'the {what} is {times:g} times as large as {what}s are: is the file in {unit}, '
                   f'not in {axes.units}? (--units {unit})',)
-    for hand in _larger_hands(recording):
-        side = hand.side or _side_of_name(recording.name)
-        likelihood = side_likelihood(recording, hand)
-        if not side or (likelihood if side == 'left' else 1. - likelihood) < SURE:
-            continue
+    for side in mirrored_hands(recording):
         if recording.format == 'BVH' and not recording.said.handed:
             for rows in recording.blocks():
                 rows[..., 0] *= -1.
@@ -218,6 +214,15 @@ def with_recognised_axes(recording: PointRecording,
         notes += (f'the {side} hand has the shape of the other one: other side, or left-handed '
                   'axes (--handed left)?',)
     return recording._replace(axes=axes, notes=notes)
+
+
+def mirrored_hands(recording: PointRecording) -> Iterator[str]:
+    """Yield the sides of the hands that are named as of one side, and have the other's shape."""
+    for hand in _larger_hands(recording):
+        side = hand.side or _side_of_name(recording.name)
+        likelihood = side_likelihood(recording, hand)
+        if side and (likelihood if side == 'left' else 1. - likelihood) >= SURE:
+            yield side
 
 
 def likelier_unit(recording: PointRecording) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.hand_axes import is_body, likelier_unit
+from ..calibration.hand_axes import is_body, likelier_unit, mirrored_hands
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
@@ -28,7 +28,7 @@ from ..tracking.label_check import label_fault
 from ..tracking.opened_recording import is_marker_bag
 from ..tracking.point_bag import MarkerChoice
 from ..tracking.recording import MarkerReading
-from .recording_options import chosen_labels, reading_options
+from .recording_options import POINT_OPTIONS, chosen_labels, reading_options
 
 UNKNOWN_LABEL, UNKNOWN_RECORDING = 'LABEL', 'HAND'  # in the command that is printed
 FITTED_HAND = 'my_hand.yaml'
@@ -85,11 +85,14 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     Returns
     -------
     str
+        Empty where no point is seen.
     """
+    if not np.isfinite(recording.points).any():
+        return ''
     words = ['hand_tracker', 'track', str(path), '-o', _output(path, '_angles.csv')]
-    for name in ('up', 'handed', 'frame_rate', 'subject'):
-        if getattr(options, name):
-            words.append(f'--{name.replace("_", "-")}={getattr(options, name)}')
+    of_points = [f'--{name.replace("_", "-")}={getattr(options, name)}'
+                 for name in POINT_OPTIONS if getattr(options, name)]
+    words += of_points
     words += ['--keep-zeros'] * options.keep_zeros + ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
     given = chosen_labels(options.markers)
@@ -97,6 +100,12 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     layout = preset_layout(likeliest.name) if likeliest is not None else None
     has_ids = is_marker_bag(path, MarkerChoice(
         reading_options(options), names=given, layout=layout))
+    if has_ids and of_points:
+        # Tracked as they are, message by message: as points they have those axes and times.
+        return shlex.join(['hand_tracker', 'convert', str(path), _output(path, '_points.npz'),
+                           *of_points])
+    if not (has_ids or options.handed) and any(mirrored_hands(recording)):
+        words.append('--handed=left')
     if unit := options.units or likelier_unit(recording):
         words.append(f'--unit-scale={UNIT_SPELLINGS[unit][0]:g}' if has_ids else f'--units={unit}')
     # Where nothing has a name, as many points as a layout has markers may be these.
@@ -112,7 +121,8 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
         return shlex.join([*words, '--side', BOTH])
     if has_ids and '--layout' not in without_labels and label_fault(
             path, options.topic, MarkerReading(partial=options.partial), MarkerLayout()) is None:
-        return shlex.join(words)
+        is_left = likeliest is not None and likeliest.side == 'left'
+        return shlex.join([*words, *['--side', 'left'] * is_left])
     if has_ids or not any(recording.labels):
         return shlex.join([*words, *without_labels])
     if likeliest is not None:
@@ -219,10 +229,12 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
         lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
                      f'(then --hand {FITTED_HAND} in place of --layout and --side)')
     if command.endswith(f' --labels {WITHOUT_LABELS}'):
-        if ' --side ' not in command:
+        # The side of numbered points in files is found by `track`.
+        if ' --side ' not in command and (
+                found['topic'] or not labels or ' --layout ' in command):
             lines.append('points without labels are searched for a right hand: add --side left '
                          'for a left one, --side both for two')
         if ' --layout ' in command and labels and found['topic']:
             lines.append("where the ids, from 0 on, are in the order of the layout's markers, "
                          f'leave out --labels {WITHOUT_LABELS}')
-    return [*lines, f'next: {command}']
+    return [*lines, f'next: {command}' if command else 'no point is seen in any frame']

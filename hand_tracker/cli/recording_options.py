@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ..tracking.recording import MarkerReading
 
 URL_START = re.compile('[a-z][a-z0-9+.]+:/')
+# Of points in files; MarkerArrays are taken as they are.
+POINT_OPTIONS = 'up', 'handed', 'frame_rate', 'subject'
 ROBOT_SUFFIXES = ('.urdf', '.xml', '.yaml', '.yml')
 
 
@@ -207,7 +209,7 @@ def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
         Naming the option and the recording.
     """
     given = vars(options)    # not every command has all
-    for name in ('up', 'handed', 'frame_rate', 'subject'):
+    for name in POINT_OPTIONS:
         if given.get(name) is not None:
             raise HandTrackerError(
                 f"{path}: --{name.replace('_', '-')}: {given[name]}; expected for files of points "

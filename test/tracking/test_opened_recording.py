@@ -2,7 +2,9 @@
 
 import json
 import os
+import sys
 import time
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -410,6 +412,52 @@ def test_inspect_has_numbered_points_labelled_and_a_body_spliced(tmp_path, capsy
     # As `splice` has it.
     assert '60 Hz, 2.0 s; in cm, y up' in lines[0]
     assert 'note: the file is in cm (as the body is 1.7 m long then, more or less' in lines[-3]
+
+
+def run_what_inspect_names(*arguments):
+    """Run `inspect`, and the command that it names; return what both said."""
+    assert main(['inspect', *arguments]) == 0
+    said = sys.stdout.getvalue()
+    assert main(said.splitlines()[-1].removeprefix('next: hand_tracker ').split()) == 0
+    return sys.stdout.getvalue()
+
+
+@pytest.mark.parametrize('name, change, said', [
+    ('left.mcap', {}, '--side left'),
+    ('numbers.npz', {'labels': tuple(map(str, range(8)))}, 'a left hand, by the shape'),
+    ('mirrored_right.npz', {'labels': tuple(f'R_{name}' for name in PAPER_PLACES)},
+     '--handed=left --side right')])
+def test_what_inspect_names_next_tracks_hands_of_either_side(
+        tmp_path, monkeypatch, name, change, said):
+    monkeypatch.chdir(tmp_path)
+    output = StringIO()
+    monkeypatch.setattr(sys, 'stdout', output)
+    monkeypatch.setattr(sys, 'stderr', output)
+    recording = hand_recording(240, 'left')._replace(**change)
+    if name.endswith('.mcap'):
+        write_bag(name, marker_messages(
+            recording.points, recorded_times(recording), ('hand',) * 8))
+    else:
+        write_recording(name, recording)
+    printed = run_what_inspect_names(name)
+    assert said in printed and '240 of 240 frames tracked' in printed
+    assert 'searched for a right hand' not in printed
+
+
+def test_inspect_has_messages_of_other_axes_converted_and_names_nothing_for_no_points(
+        tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = hand_recording(60)
+    write_bag('take.mcap', marker_messages(
+        recording.points, recorded_times(recording), ('hand',) * 8))
+    assert main(['inspect', 'take.mcap', '--up', 'y']) == 0
+    command = capsys.readouterr().out.splitlines()[-1]
+    assert command == 'next: hand_tracker convert take.mcap take_points.npz --up=y'
+    assert main(command.removeprefix('next: hand_tracker ').split()) == 0
+    write_recording('none.npz', recording._replace(points=np.full_like(recording.points, np.nan)))
+    capsys.readouterr()
+    assert main(['inspect', 'none.npz']) == 0
+    assert capsys.readouterr().out.endswith('\nno point is seen in any frame\n')
 
 
 @pytest.mark.parametrize('name, labels', [
