@@ -1,29 +1,36 @@
 """Output files: checked before the work, written beside their place, renamed when complete."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from .core.errors import HandTrackerError
 
+PICTURE_SUFFIXES = '.png',
+
 
 class OutputError(HandTrackerError):
     """An output file cannot be written; the message names it."""
 
 
-def require_writable(path: Path) -> None:
+def require_writable(path: Path, suffixes: Collection[str] = ()) -> None:
     """Refuse a file that cannot be written, before the work for it begins.
 
     Parameters
     ----------
     path : Path
+    suffixes : collection of str, optional
+        Of which it must have one; any when left out.
 
     Raises
     ------
     OutputError
     """
+    if suffixes and path.suffix not in suffixes:
+        raise OutputError(f'{path}: unknown extension {path.suffix!r}; expected '
+                          f'{", ".join(suffixes)}')
     if path.is_dir() or not os.access(path.parent, os.W_OK):
         raise OutputError(f'{path}: cannot be written; expected a file in a folder that is there '
                           'and may be written to')

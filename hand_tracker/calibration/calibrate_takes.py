@@ -12,7 +12,7 @@ from ..core.model.hand import FLEXION_JOINTS, WEARER_LIMITS
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..drawing.fit_picture import FittedPose, save_fit_picture
 from ..files.hand_file import save_hand
-from ..output_files import require_writable
+from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..progress import Progress, bar
 from .coverage import Covered, coverage
 from .fit import fit_hand
@@ -59,8 +59,8 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         If a file cannot be written.
     """
     picture = picture or output.with_suffix('.png')
-    for path in (output, picture):
-        require_writable(path)
+    require_writable(output)
+    require_writable(picture, PICTURE_SUFFIXES)
     for weak in check_takes(takes):
         print(f'note: {weak}', file=sys.stderr)
     gathered = gather(takes)

@@ -5,10 +5,13 @@ import sys
 from pathlib import Path
 
 from ..core.model.hand import SIDES
+from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..package_data import packaged_recording
 from . import view
 from .recording_options import require_inputs
 from .reporting import reporting
+
+ROBOT_FILE_SUFFIXES = '.yaml', '.yml'
 
 
 @reporting
@@ -35,8 +38,10 @@ def main(args: list[str] | None = None) -> int:
                          help="the URDF's path, for a preset or a file")
     inspect.add_argument('--side', choices=SIDES, help="instead of the geometry's")
     inspect.add_argument('--hand', metavar='FILE', help='hand file of the person to draw beside')
-    inspect.add_argument('-o', '--output', metavar='FILE', help='robot file (YAML) to write')
-    inspect.add_argument('--picture', metavar='FILE', help='PNG to draw: five poses of both hands')
+    inspect.add_argument('-o', '--output', type=Path, metavar='FILE',
+                         help='robot file (YAML) to write')
+    inspect.add_argument('--picture', type=Path, metavar='FILE',
+                         help='PNG to draw: five poses of both hands')
     show = commands.add_parser(
         'view', help='show the robot in the browser, following the packaged recording')
     show.add_argument('robot', help='as for inspect')
@@ -48,6 +53,10 @@ def main(args: list[str] | None = None) -> int:
     if options.command == 'view':
         return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
                           options.robot, '--robot-description', options.urdf])
+    for path, suffixes in ((options.output, ROBOT_FILE_SUFFIXES),
+                           (options.picture, PICTURE_SUFFIXES)):
+        if path:
+            require_writable(path, suffixes)
     # Here, so that a wrong option is reported at once.
     from ..retargeting.robot_file import load_robot
     from ..retargeting.robot_inspection import findings, robot_file_text
@@ -59,7 +68,7 @@ def main(args: list[str] | None = None) -> int:
         print(f'unsure: {line}')
     if options.output:
         text = robot_file_text(loaded, loaded.urdf)
-        Path(options.output).write_text(text, encoding='utf-8')
+        options.output.write_text(text, encoding='utf-8')
         print(f'{options.output}: the robot file written')
     if options.picture:
         from .robot_poses import draw_robot
@@ -71,7 +80,7 @@ def main(args: list[str] | None = None) -> int:
         launched = '' if loaded.hand.side == SIDES[0] else f' side:={loaded.hand.side}'
         print(f'next: hand_tracker robot view {options.output}{side}, in the browser; or ros2 '
               'launch hand_tracker track.launch.py source:=markers '
-              f'robot:={Path(options.output).absolute()}{launched}')
+              f'robot:={options.output.absolute()}{launched}')
     return 0
 
 

@@ -163,6 +163,8 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
         _compare_names(by_role, unsure)
     else:
         by_role = {role: digits[i] for i, role in enumerate(tips)}
+        _compare_order([role for role in tips if role != 'thumb'],
+                       np.sign(across) * (bases @ axes[:, 1]), unsure)
     return _in_palm(model, palm, axes, frames, side, by_role, False, unsure)
 
 
@@ -433,6 +435,16 @@ def _in_palm(model: RobotModel, palm: int, axes: np.ndarray,
     links = [name for name, place in model.links.items() if place.joint == palm]
     return RobotAnatomy(palm, links[0], rotation.T @ axes, side, digits, is_gripper,
                         tuple(unsure))
+
+
+def _compare_order(roles: list[str], from_thumb: np.ndarray, unsure: list[str]) -> None:
+    """Note given fingers that lie in another order beside each other, `from_thumb` on [m]."""
+    place = dict(zip(roles, from_thumb))
+    given = sorted(roles, key=FINGERS.index)
+    if any(place[after] - place[one] > MIN_BONE for one, after in zip(given, given[1:])):
+        found = sorted(roles, key=lambda role: -place[role])
+        unsure.append(f"digits: from the thumb's side on they lie as {', '.join(found)}: is the "
+                      "file of the other hand's side, or are their tips exchanged?")
 
 
 def _compare_names(digits: dict[str, Digit], unsure: list[str]) -> None:

@@ -20,7 +20,7 @@ from ..core.model.hand import JOINTS, SIDES
 from ..files.plain_yaml import parse_plain_yaml, read_yaml_text, yaml_fault
 from ..package_data import share_directory
 from .dexretargeting_file import DEX_SECTION, find_urdf, translated
-from .retarget_options import RetargetOptions
+from .retarget_options import InvalidRetargetOption, RetargetOptions
 from .robot_anatomy import ROLES, find_anatomy
 from .robot_hand import Follow, RobotHand, guess_notes, tip_spheres
 from .robot_model import RobotModel, robot_model
@@ -225,7 +225,10 @@ def _options(settings: Mapping[str, Any], source: str) -> RetargetOptions:
     given = _mapping(settings, 'options', source)
     _require_keys('options', given, tuple(option.name for option in fields(RetargetOptions)),
                   source)
-    return RetargetOptions(**given)
+    try:
+        return RetargetOptions(**given)
+    except InvalidRetargetOption as error:
+        raise InvalidRetargetOption(f'{source}: options: {error}') from None
 
 
 def _variable(name: str, model: RobotModel, place: str) -> int:

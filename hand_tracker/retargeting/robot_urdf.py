@@ -16,6 +16,7 @@ MAX_URDF_BYTES = 20_000_000
 MOVABLE_JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 JOINT_TYPES = (*MOVABLE_JOINT_TYPES, 'fixed')
 DEFAULT_SHAPE_RGB = (.75, .78, .82)   # red, green, blue of shapes without a material
+FARTHEST_LIMIT = 1e3                # [rad or m]
 CONTINUOUS_RANGE = (-np.pi, np.pi)  # [rad] taken as limits of a continuous joint
 
 
@@ -239,15 +240,20 @@ def _joint(element: Element, source: str) -> UrdfJoint:
                     (_number(limit, 'lower', place, 0.), _number(limit, 'upper', place, 0.)))
     if lower > upper:
         raise InvalidRobot(f'{place}: lower limit {lower:g} exceeds upper limit {upper:g}')
+    if max(-lower, upper) > FARTHEST_LIMIT:
+        raise InvalidRobot(f'{place}: limits {lower:g} to {upper:g}; expected radians or metres')
     follows = element.find('mimic')
     mimic = None if follows is None else Mimic(
         follows.get('joint', ''), _number(follows, 'multiplier', place, 1.),
         _number(follows, 'offset', place, 0.))
-    return UrdfJoint(
+    joint = UrdfJoint(
         name, kind, parent.get('link', ''), child.get('link', ''),
         rotation_from_rpy(_vector(origin, 'rpy', place, (0., 0., 0.))),
         _vector(origin, 'xyz', place, (0., 0., 0.)), axis / np.linalg.norm(axis), lower, upper,
         max(0., _number(limit, 'velocity', place, 0.)), mimic)
+    if limit is None and mimic is None and kind in ('revolute', 'prismatic'):
+        raise InvalidRobot(f'{place}: no <limit>; expected the range of a {kind} joint')
+    return joint
 
 
 def _all_shapes(robot: Element, source: str) -> tuple[UrdfShape, ...]:
@@ -325,6 +331,8 @@ def _in_order(links: list[str], joints: list[UrdfJoint],
     twice = [child for child, parents in children.items() if parents > 1]
     if twice:
         raise InvalidRobot(f'{source}: {", ".join(sorted(twice))}: more than one parent joint')
+    if not links:
+        raise InvalidRobot(f'{source}: no link; expected those of a robot')
     roots = [link for link in links if link not in children]
     if len(roots) != 1:
         raise InvalidRobot(f'{source}: {len(roots)} links have no parent '

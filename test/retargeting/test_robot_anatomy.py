@@ -100,6 +100,16 @@ def test_tips_that_are_given_are_taken_and_a_wrong_side_is_told():
     assert 'side: left as given; the geometry says right' in anatomy.unsure
 
 
+def test_fingers_that_are_given_crossed_are_told():
+    for side in ('right', 'left'):
+        model = robot_model(read_urdf_tree(urdf(wide_hand(side))))
+        tips = {role: f'{role}_tip' for role in ('thumb', 'index', 'middle', 'ring')}
+        assert find_anatomy(model, tips).unsure == ()
+        tips['index'], tips['ring'] = tips['ring'], tips['index']
+        told, = find_anatomy(model, tips).unsure
+        assert told.startswith("digits: from the thumb's side on they lie as ring, middle, index: ")
+
+
 def test_what_is_no_hand_is_refused():
     model = robot_model(read_urdf_tree(urdf(wide_hand())))
     with pytest.raises(InvalidRobot, match="index: there is no link 'finger'"):

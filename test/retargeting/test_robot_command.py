@@ -79,3 +79,16 @@ def test_a_robot_that_cannot_be_shown_is_refused_before_the_page_is_there(
     output = capsys.readouterr()
     assert said in output.err and output.err.count('\n') == 1
     assert 'http' not in output.out
+
+
+@pytest.mark.parametrize('output', [
+    ('-o', 'hand.urdf'), ('--picture', 'a.svg'), ('-o', 'none/hand.yaml'),
+    ('--picture', 'none/a.png')])
+def test_outputs_are_refused_before_anything_is_written(tmp_path, monkeypatch, capsys, output):
+    monkeypatch.chdir(tmp_path)
+    text = urdf(wide_hand('right'))
+    (tmp_path / 'hand.urdf').write_text(text)
+    assert robot.main(['inspect', 'hand.urdf', '-o', 'hand.yaml', *output]) == 1
+    assert capsys.readouterr().err.startswith(f'hand_tracker robot: {output[1]}: ')
+    assert (tmp_path / 'hand.urdf').read_text() == text
+    assert [path.name for path in tmp_path.iterdir()] == ['hand.urdf']

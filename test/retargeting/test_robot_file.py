@@ -215,6 +215,7 @@ def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monk
     ({'rest': {'knee': 0.}}, "rest: there is no independent joint 'knee'"),
     ({'follow': {'index_pip_flexion': 'knee'}}, "angle: 'knee'; expected one of index_cmc"),
     ({'options': {'speed': 1.}}, "options: there is no key 'speed'"),
+    ({'options': {'smoothness': -1.}}, 'robot.yaml: options: smoothness: -1.0; allowed is'),
     ({'options': {'touch': 9.}}, 'touch: 9.0; allowed is 0 to 0.05 m'),
     ({'order': ['knee']}, "order: there is no movable joint 'knee'"),
     ({'order': 5}, 'order: 5; expected a list'),

@@ -67,6 +67,11 @@ def test_the_greatest_sphere_of_a_link_is_its_tip_radius():
            JOINT.format('k', 'fixed', 'b', 'c', '')), "lower is 'nan'; expected a number"),
     (robot(JOINT.format('j', 'revolute', 'a', 'b', '<origin xyz="1 2"/>'),
            JOINT.format('k', 'fixed', 'b', 'c', '')), 'expected three numbers'),
+    (robot(JOINT.format('j', 'revolute', 'a', 'b', ''), JOINT.format('k', 'fixed', 'b', 'c', '')),
+     'no <limit>; expected the range of a revolute joint'),
+    (robot(JOINT.format('j', 'revolute', 'a', 'b', '<limit lower="0" upper="1e300"/>'),
+           JOINT.format('k', 'fixed', 'b', 'c', '')), 'limits 0 to 1e+300; expected radians or'),
+    ('<robot/>', 'no link; expected those of a robot'),
     (robot(JOINT.format('j', 'revolute', 'a', 'b', '<mimic joint="j"/>'),
            JOINT.format('k', 'fixed', 'b', 'c', '')), "joint 'j' mimics 'j'"),
 ])
