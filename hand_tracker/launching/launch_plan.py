@@ -372,6 +372,10 @@ class LaunchPlan:
         shown = self.shows_robots
         if outputs := self.agreed('outputs', self.given['outputs'], '', in_file=in_file):
             robot['outputs'] = outputs
+        urdf = arguments['robot_description']
+        if self.given[urdf] and not robot['robot']:
+            raise InvalidLaunch(f"{urdf}: '{self.given[urdf]}'; expected with {arguments['robot']}"
+                                ':=, a preset or a robot file, or the URDF itself')
         if robot['robot']:
             self._check_alike(hand.namespace, {**person, **self.common})
             shown = self.agreed(

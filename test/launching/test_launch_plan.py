@@ -101,6 +101,13 @@ def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
         plan_of(parameters=str(file), side='right')
 
 
+def test_a_urdf_without_a_robot_is_refused():
+    with pytest.raises(InvalidLaunch, match="robot_description: '/x.urdf'; expected with robot:="):
+        plan_of(robot_description='/x.urdf')
+    with pytest.raises(InvalidLaunch, match="left_robot_description: '/x.urdf'; expected with"):
+        plan_of(side='both', left_robot_description='/x.urdf')
+
+
 def test_the_parameter_file_may_choose_the_robot(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('retarget: {ros__parameters: {robot: plain, show_robot: true, rate: 50.0}}')
