@@ -102,6 +102,9 @@ class PointBag(Bag):
         from ..calibration.recorded_points import recorded_points
 
         recording = recorded_points(path, choice.reading)
+        if not np.isfinite(recording.points).any():
+            raise RecordingError(f'{path}: no point is seen in any of its '
+                                 f'{len(recording.points)} frames; expected a hand\'s markers')
         self.path, self.notes = path, recording.notes
         self.has_labels = (
             any(recording.labels) if choice.has_labels is None else choice.has_labels)

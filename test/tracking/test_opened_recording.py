@@ -458,6 +458,8 @@ def test_inspect_has_messages_of_other_axes_converted_and_names_nothing_for_no_p
     capsys.readouterr()
     assert main(['inspect', 'none.npz']) == 0
     assert capsys.readouterr().out.endswith('\nno point is seen in any frame\n')
+    assert main(['track', 'none.npz', '-o', 'angles.csv']) == 1
+    assert 'none.npz: no point is seen in any of its 60 frames' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('name, labels', [
