@@ -116,6 +116,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._outputs = self._make_command_outputs(values)
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
+        self._sends_wrist_poses = any(name == 'pose' for name, _ in self._wrist_outputs)
         if self._wrist_outputs:
             # Not without need, as it imports scipy, which takes longer than all else here.
             self._wrist = WristFollower(WristOptions(**_options(WristOptions, 'wrist', values)))
@@ -325,13 +326,12 @@ class RetargetNode(SubscriptionHidingNode):
         """Return the pose of the robot's wrist; for twists alone any pose will do."""
         if now - self._robot_wrist_time <= self._teleoperation.guard.options.robot_timeout:
             return self._robot_wrist
-        asks_for_pose = any(name == 'pose' for name, _ in self._wrist_outputs)
-        return None if asks_for_pose else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
+        return None if self._sends_wrist_poses else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
 
     def _on_deadman(self, message: Bool) -> None:
         self._take_over()
         if message.data:
-            self._teleoperation.guard.press(time.monotonic())
+            self._engage_by(self._teleoperation.guard.press)
         else:
             self._teleoperation.guard.release()
         self._publish_state()
@@ -341,18 +341,32 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _serve_engage(self, request: Any, response: Any) -> Any:
         reason = self._engage(request.data)
-        response.success, response.message = not reason, (
-            reason or self._teleoperation.guard.reason)
+        response.success, response.message = not reason, reason or self._reason
         return response
 
     def _engage(self, wanted: bool) -> str:
         self._take_over()
         guard, reason = self._teleoperation.guard, ''
         if wanted:
-            reason = guard.engage(time.monotonic())
+            reason = self._engage_by(guard.engage)
         else:
             guard.disengage()
         self._publish_state()
+        return reason
+
+    def _engage_by(self, act: Callable[[float], str]) -> str:
+        """Engage the robot by an act of its guard, and the arm with it; return why not."""
+        now = time.monotonic()
+        if self._wrist_outputs and not self._teleoperation.guard.is_engaged:
+            self._wrist.disengage()
+        reason = act(now)
+        if self._wrist_outputs and not reason and not self._wrist.is_engaged:
+            start = self._wrist_start(now)
+            missing = self._wrist.engage(start, now)
+            if start is None and self._frame_fault:
+                missing = self._frame_fault
+            self._wrist_fault = missing and (
+                f'the arm stays where it is: {missing}; once that is mended, engage anew')
         return reason
 
     def _send(self, now: float, stamp: Stamp | None = None) -> None:
@@ -379,8 +393,6 @@ class RetargetNode(SubscriptionHidingNode):
         if not guard.is_engaged:
             self._wrist.disengage()
             self._wrist_fault = ''
-        elif not self._wrist.is_engaged:
-            self._wrist_fault = self._wrist.engage(self._wrist_start(now), now)
         sent = self._wrist.command(now)
         if sent is None:
             return
@@ -388,10 +400,17 @@ class RetargetNode(SubscriptionHidingNode):
         for name, publisher in self._wrist_outputs:
             publisher.publish(_wrist_message(name, header, sent))
 
+    @property
+    def _reason(self) -> str:
+        """Why the robot is in its state, and why its arm stays, for a person."""
+        guard = self._teleoperation.guard
+        arm = self._wrist_fault if guard.is_engaged else ''
+        return f'{guard.reason}; {arm}' if arm else guard.reason
+
     def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""
         guard = self._teleoperation.guard
-        said = guard.state.value, self._teleoperation.fault or guard.reason
+        said = guard.state.value, self._teleoperation.fault or self._reason
         if said == self._said:
             return
         self._said = said
@@ -401,8 +420,9 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _publish_status(self) -> None:
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
-        level = Level.ERROR if fault else Level.OK if guard.is_following else Level.WARN
-        status = Status(level, fault or f'{guard.state.value}: {guard.reason}', {
+        is_fine = guard.is_following and not self._wrist_fault
+        level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
+        status = Status(level, fault or f'{guard.state.value}: {self._reason}', {
             'state': guard.state.value, 'refused jumps': str(self._teleoperation.refused_jumps),
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from helpers.robots import human_robot_file, wide_hand
 from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
@@ -290,6 +291,57 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
     assert 'Traceback' not in process.output
 
 
+class ArmBench:
+    """A person's wrist that rises, and an arm."""
+
+    def __init__(self, node):
+        tf2_msgs = pytest.importorskip('tf2_msgs.msg')
+        self._wrist, self._arm = TransformStamped(child_frame_id='right_wrist'), PoseStamped()
+        self._wrist.transform.rotation.w = self._arm.pose.orientation.w = 1.
+        transforms = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
+        arms = node.create_publisher(PoseStamped, 'robot/wrist_pose', 10)
+        self.targets = node.collect(PoseStamped, 'robot/wrist_target')
+        self.twists = node.collect(TwistStamped, 'robot/wrist_twist')
+        self._diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        self.has_pose = False
+
+        def tell():
+            self._wrist.transform.translation.z += .0005
+            transforms.publish(tf2_msgs.TFMessage(transforms=[self._wrist]))
+            if self.has_pose:
+                arms.publish(self._arm)
+
+        node.create_timer(PERIOD, tell)
+
+    def said(self):
+        """Return what the last status of the node says: its message, and that of the wrist."""
+        status = self._diagnostics[-1].status[0] if self._diagnostics else None
+        return status and (status.message, next(
+            pair.value for pair in status.values if pair.key == 'wrist'))
+
+
+def test_an_arm_whose_pose_comes_later_stays_until_it_is_engaged_anew(robot):
+    parameters = {'robot': robot, 'wrist.outputs': 'pose twist'}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench, arm = Bench(node), ArmBench(node)
+        bench.start = robot_states(joints(), .05)
+        bench.until_engaged()
+        answer = bench.engage()
+        fault = "the arm stays where it is: the pose of the robot's wrist is missing"
+        assert answer.success and fault in answer.message and 'engage anew' in answer.message
+        bench.until('following')
+        node.spin_until(lambda: fault in arm.said()[0] and fault in arm.said()[1])
+        arm.has_pose = True
+        # Poses that came before the answer to a call have been taken.
+        node.spin_for(20 * PERIOD)
+        node.call(GetParameters, 'retarget/get_parameters', GetParameters.Request(names=['robot']))
+        assert not arm.targets and not arm.twists
+        node.repeat(bench.engage, lambda: arm.targets and arm.twists, .1)
+        node.spin_until(lambda: arm.said()[1] == 'ok')
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
 def test_a_wrist_in_another_frame_is_refused_by_name_or_no_movement(robot):
     tf2_msgs = pytest.importorskip('tf2_msgs.msg')
     parameters = {'robot': robot, 'wrist.outputs': 'pose', 'wrist.base_frame': 'arm_base'}
@@ -320,6 +372,10 @@ def test_a_wrist_in_another_frame_is_refused_by_name_or_no_movement(robot):
         # Nor is a target sent from there.
         assert not targets
         arm.header.frame_id, arm.pose.position.z = 'arm_base', .7
+        node.spin_until(lambda: said_of_wrist()[-1].startswith('the arm stays where it is'))
+        # It is engaged anew, as whoever engaged the robot was told that the arm stays.
+        assert not targets
+        bench.engage()
         node.spin_until(lambda: len(targets) > 20 and said_of_wrist()[-1] == 'ok')
         # The same place, as another frame has it; then a way of 5 cm in that frame.
         wrist.header.frame_id, wrist.transform.translation.z = 'room', .09
@@ -358,6 +414,8 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
 
         node.create_timer(PERIOD, rise)
         bench.until_engaged()
+        # The person's wrist may be discovered later than their fingers.
+        node.repeat(bench.engage, lambda: twists, .1)
         node.spin_until(lambda: most_on_fast_path(diagnostics) > 50)
         # The wrist goes on beside them: by the way that it was seen to rise.
         del twists[:]
