@@ -58,7 +58,7 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
-LAST_STATE_WAIT = .2    # [s] that the last state may take to reach its listeners
+LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
@@ -258,11 +258,13 @@ class RetargetNode(SubscriptionHidingNode):
                 for (_, publisher), template in zip(self._outputs, templates)])
 
     def destroy_node(self) -> None:
-        """Say on `~/state` that nothing moves the robot any more."""
+        """Stop the arm, and say on `~/state` that nothing moves the robot any more."""
         if self.context.ok():
             self._teleoperation.guard.disengage('the node ends')
+            self._stop_wrist()
             self._publish_state()
-            self._state.wait_for_all_acked(Duration(seconds=LAST_STATE_WAIT))
+            for publisher in (self._state, *(one for _, one in self._wrist_outputs)):
+                publisher.wait_for_all_acked(Duration(seconds=LAST_STATE_WAIT))
         super().destroy_node()
 
     # What comes in
@@ -334,6 +336,7 @@ class RetargetNode(SubscriptionHidingNode):
             self._engage_by(self._teleoperation.guard.press)
         else:
             self._teleoperation.guard.release()
+            self._stop_wrist()
         self._publish_state()
 
     def _on_engage(self, message: Bool) -> None:
@@ -351,14 +354,15 @@ class RetargetNode(SubscriptionHidingNode):
             reason = self._engage_by(guard.engage)
         else:
             guard.disengage()
+            self._stop_wrist()
         self._publish_state()
         return reason
 
     def _engage_by(self, act: Callable[[float], str]) -> str:
         """Engage the robot by an act of its guard, and the arm with it; return why not."""
         now = time.monotonic()
-        if self._wrist_outputs and not self._teleoperation.guard.is_engaged:
-            self._wrist.disengage()
+        if not self._teleoperation.guard.is_engaged:
+            self._stop_wrist()
         reason = act(now)
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
@@ -391,14 +395,23 @@ class RetargetNode(SubscriptionHidingNode):
         guard = self._teleoperation.guard
         self._wrist.clutch(self._is_clutched or not guard.is_following)
         if not guard.is_engaged:
-            self._wrist.disengage()
-            self._wrist_fault = ''
-        sent = self._wrist.command(now)
+            self._stop_wrist()
+        self._publish_wrist(self._wrist.command(now), ('pose', 'twist'))
+
+    def _stop_wrist(self) -> None:
+        """Let the arm stay where it is: a twist that nobody follows by another ends in zero."""
+        self._wrist_fault = ''
+        if self._wrist_outputs:
+            self._publish_wrist(self._wrist.disengage(), ('twist',))
+
+    def _publish_wrist(self, sent: WristCommand | None, kinds: Sequence[str]) -> None:
+        """Publish a command, if there is one, on the outputs of some of `WRIST_OUTPUTS`."""
         if sent is None:
             return
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._base_frame)
         for name, publisher in self._wrist_outputs:
-            publisher.publish(_wrist_message(name, header, sent))
+            if name in kinds:
+                publisher.publish(_wrist_message(name, header, sent))
 
     @property
     def _reason(self) -> str:

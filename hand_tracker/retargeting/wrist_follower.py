@@ -192,9 +192,10 @@ class WristFollower:
         self._velocity = self._turn_rate = np.zeros(3)
         return ''
 
-    def disengage(self) -> None:
-        """Make no more commands."""
-        self._sent = None
+    def disengage(self) -> WristCommand | None:
+        """Make no more commands; return the last one, at rest, or None where there was none."""
+        sent, self._sent = self._sent, None
+        return sent and WristCommand(sent, np.zeros(3), np.zeros(3))
 
     def clutch(self, is_held: bool) -> None:
         """Hold the clutch, so that the robot's wrist stays, or release it."""

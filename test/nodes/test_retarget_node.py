@@ -9,7 +9,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, Twist, TwistStamped
 from helpers.robots import human_robot_file, wide_hand
 from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
 from rcl_interfaces.srv import GetParameters
@@ -291,6 +291,11 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
     assert 'Traceback' not in process.output
 
 
+def is_at_rest(message):
+    """Return whether a TwistStamped moves nothing."""
+    return message.twist == Twist()
+
+
 class ArmBench:
     """A person's wrist that rises, and an arm."""
 
@@ -425,12 +430,17 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
         # What ends the fingers ends the wrist.
         assert bench.engage(False).success
         node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        # Of an arm that goes on with its last twist, that is none.
+        node.spin_until(lambda: is_at_rest(twists[-1]))
         del twists[:]
         for _ in range(20):
             rise()
             bench.engage(False)
         assert not twists
+        bench.until_engaged()
+        node.repeat(bench.engage, lambda: twists and not is_at_rest(twists[-1]), .1)
         assert process.interrupt() == 0, process.output
+        node.spin_until(lambda: is_at_rest(twists[-1]))
     assert 'Traceback' not in process.output
 
 

@@ -166,8 +166,10 @@ def test_without_both_poses_it_is_not_engaged_and_sends_nothing():
     assert "robot's wrist is missing" in it.engage(None, 0.)
     assert it.command(.01) is None
     assert it.engage(ROBOT_WRIST, 0.) == '' and it.command(.01) is not None
-    it.disengage()
-    assert it.command(.02) is None
+    last = it.disengage()
+    np.testing.assert_allclose(last.pose.position, ROBOT_WRIST.position)
+    assert not last.linear.any() and not last.angular.any()
+    assert it.command(.02) is None and it.disengage() is None
 
 
 def test_what_is_no_pose_is_left_out():
