@@ -306,8 +306,9 @@ class RetargetNode(SubscriptionHidingNode):
         if self._frame_fault:
             self.get_logger().warning(f'left out: {self._frame_fault}', once=True)
             return
-        self._robot_wrist = wrist_pose_of(*pose_numbers(message.pose))
-        self._robot_wrist_time = time.monotonic()
+        pose = wrist_pose_of(*pose_numbers(message.pose))
+        if pose is not None:
+            self._robot_wrist, self._robot_wrist_time = pose, time.monotonic()
 
     def _on_clutch(self, message: Bool) -> None:
         self._is_clutched = message.data
@@ -324,9 +325,12 @@ class RetargetNode(SubscriptionHidingNode):
             self._send_wrist(now)
         self._publish_state()
 
+    def _is_robot_wrist_old(self, now: float) -> bool:
+        return now - self._robot_wrist_time > self._teleoperation.guard.options.robot_timeout
+
     def _wrist_start(self, now: float) -> WristPose | None:
         """Return the pose of the robot's wrist; for twists alone any pose will do."""
-        if now - self._robot_wrist_time <= self._teleoperation.guard.options.robot_timeout:
+        if not self._is_robot_wrist_old(now):
             return self._robot_wrist
         return None if self._sends_wrist_poses else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
 
@@ -394,8 +398,14 @@ class RetargetNode(SubscriptionHidingNode):
         self._wrist_sent = now
         guard = self._teleoperation.guard
         self._wrist.clutch(self._is_clutched or not guard.is_following)
+        if self._wrist.is_engaged and self._sends_wrist_poses and self._is_robot_wrist_old(now):
+            # As of fingers whose joint states end: the arm may start anew elsewhere.
+            self._take_over()
+            guard.disengage("the pose of the robot's wrist ended" + (
+                f': {self._frame_fault}' if self._frame_fault else ''))
         if not guard.is_engaged:
             self._stop_wrist()
+            self._publish_state()
         self._publish_wrist(self._wrist.command(now), ('pose', 'twist'))
 
     def _stop_wrist(self) -> None:

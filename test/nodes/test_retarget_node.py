@@ -343,7 +343,21 @@ def test_an_arm_whose_pose_comes_later_stays_until_it_is_engaged_anew(robot):
         assert not arm.targets and not arm.twists
         node.repeat(bench.engage, lambda: arm.targets and arm.twists, .1)
         node.spin_until(lambda: arm.said()[1] == 'ok')
+        bench.until('following')
+        node.repeat(bench.engage, lambda: not is_at_rest(arm.twists[-1]), .1)
+        # Its pose ends: as of a robot whose joint states end, nothing is moved any more.
+        arm.has_pose = False
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        process.wait_for_line("disengaged: the pose of the robot's wrist ended")
+        node.spin_until(lambda: is_at_rest(arm.twists[-1]))
+        arm.has_pose = True
+        node.spin_for(20 * PERIOD)
+        del arm.targets[:], arm.twists[:], bench.commands[:]
+        bench.engage(False)
+        assert not arm.targets and not arm.twists and not bench.commands
+        node.repeat(bench.engage, lambda: arm.targets and bench.commands, .1)
         assert process.interrupt() == 0, process.output
+    assert process.output.count("the pose of the robot's wrist ended") == 1
     assert 'Traceback' not in process.output
 
 
