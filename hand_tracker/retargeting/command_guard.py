@@ -8,6 +8,7 @@ States and what changes them:
     relaxing ─ engage, press ─▶ easing
     any ─ disengage, deadman released, no joint states of the robot ─▶ disengaged
 
+Whoever engages it by the deadman holds it by that: silence is a release, as after each press.
 A deadman that is pressed on as the robot is disengaged, or relaxes, has to be released before it
 engages again. Nothing is sent while disengaged. Every command follows from the last one that was
 sent, or, after engaging, from where the robot is: within limits, speed and acceleration, whatever
@@ -209,10 +210,19 @@ class CommandGuard:
         now : float
             [s]
         """
+        is_needed = not self.is_engaged or self.state is GuardState.RELAXING
+        reason = self._start(now)
+        if is_needed and not reason and not self.options.hold_to_engage:
+            # No deadman holds the robot before one is pressed.
+            self.memory.hold_timeout[0] = math.inf
+        return reason
+
+    def _start(self, now: float) -> str:
+        """Engage, whoever asks for it; return why not, or nothing."""
         if self.is_engaged and self.state is not GuardState.RELAXING:
             return ''
         memory = self.memory
-        if now - memory.press_time[0] > memory.hold_timeout:
+        if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
             return self._refuse('the deadman is not pressed (hold_to_engage)')
         if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
             return self._refuse('there is no hand to follow')
@@ -245,7 +255,8 @@ class CommandGuard:
     def press(self, now: float) -> str:
         """Press the deadman, which also engages; return why not, or nothing.
 
-        Pressed on and on, it does not undo what has disengaged the robot, or lets it relax.
+        From then on it holds the robot: silence is a release. Pressed on and on, it does not undo
+        what has disengaged the robot, or lets it relax.
 
         Parameters
         ----------
@@ -255,8 +266,8 @@ class CommandGuard:
         if not math.isfinite(now):
             return 'the time is not finite'
         self.judge_ages(now)
-        self.memory.press_time[0] = now
-        return 'the deadman was not released since' if self._must_release else self.engage(now)
+        self.memory.press_time[0], self.memory.hold_timeout[0] = now, self.options.hold_timeout
+        return 'the deadman was not released since' if self._must_release else self._start(now)
 
     def release(self) -> None:
         """Release the deadman, which disengages the robot."""
@@ -325,7 +336,7 @@ class CommandGuard:
         if now - self._judged_time > self.options.hold_timeout:
             self._resumed_time = now
         self._judged_time = now
-        if self.is_engaged and now - memory.press_time[0] > memory.hold_timeout:
+        if self.is_engaged and now - memory.press_time[0] > memory.hold_timeout[0]:
             self.disengage('the deadman was released')
         # Silence while this process itself was stopped is no release.
         elif now - max(memory.press_time[0], self._resumed_time) > self.options.hold_timeout:

@@ -56,10 +56,12 @@ class GuardMemory(NamedTuple):
         states [s].
     gate : JumpGate
         Of what is wanted.
+    hold_timeout : ndarray, shape (1,)
+        See `GuardOptions`; infinite while no deadman holds the robot [s].
     max_acceleration, max_speed, ease_speed, max_dt, hand_timeout : float
-        See `GuardOptions`.
-    hold_timeout, robot_timeout : float
-        The same; infinite where neither deadman nor joint states of the robot are asked for.
+        The same.
+    robot_timeout : float
+        The same; infinite where no joint states of the robot are asked for.
     """
 
     joints: int
@@ -86,12 +88,12 @@ class GuardMemory(NamedTuple):
     press_time: np.ndarray
     robot_time: np.ndarray
     gate: JumpGate
+    hold_timeout: np.ndarray
     max_acceleration: float
     max_speed: float
     ease_speed: float
     max_dt: float
     hand_timeout: float
-    hold_timeout: float
     robot_timeout: float
 
 
@@ -121,9 +123,9 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         reached=np.zeros(GUARD_CAPACITY, np.int64), **flags, **times,
         gate=new_jump_gate(GUARD_CAPACITY, of_joints(options.max_jump * per_radian),
                            options.jump_frames, options.jump_time),
+        hold_timeout=np.full(1, options.hold_timeout if options.hold_to_engage else math.inf),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
         ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
-        hold_timeout=options.hold_timeout if options.hold_to_engage else math.inf,
         robot_timeout=options.robot_timeout if options.require_robot_state else math.inf)
 
 
@@ -139,7 +141,7 @@ def is_followed(guard: GuardMemory, now: float) -> bool:
     """
     return ((guard.state[0] == FOLLOWING or guard.state[0] == EASING)
             and now - guard.hand_time[0] <= guard.hand_timeout
-            and not now - guard.press_time[0] > guard.hold_timeout
+            and not now - guard.press_time[0] > guard.hold_timeout[0]
             and not now - guard.robot_time[0] > guard.robot_timeout)
 
 

@@ -25,7 +25,8 @@ class GuardOptions:
     """
 
     hold_to_engage: bool = switch(
-        False, 'Whether the robot moves only while the deadman is pressed again and again')
+        False, 'Whether the robot moves only while the deadman is pressed again and again; else it '
+        'may be engaged without one, which holds the robot from its first press on')
     hold_timeout: float = number_option(
         .25, .01, 10., 's', 'How long one press of the deadman lasts')
     require_robot_state: bool = switch(

@@ -400,6 +400,25 @@ def test_hold_to_engage_moves_only_while_it_is_pressed():
     assert rig.tick() is not None
 
 
+@pytest.mark.parametrize('first', ['press', 'engage'])
+def test_silence_after_a_press_is_a_release_whether_or_not_one_is_asked_for(first):
+    rig = Rig()
+    rig.tick()
+    if first == 'engage':
+        assert rig.guard.engage(rig.now) == ''
+        assert all(command is not None for command in rig.run(2.))
+    for _ in range(50):
+        assert rig.guard.press(rig.now) == ''
+        assert rig.tick() is not None
+    held = rig.run(.5)
+    assert held[0] is not None and held[-1] is None and 'deadman' in rig.guard.reason
+    # Engaged by another means it needs no deadman, before one is pressed again.
+    assert rig.guard.engage(rig.now) == ''
+    assert all(command is not None for command in rig.run(2.))
+    rig.guard.disengage()
+    assert rig.guard.press(rig.now) == '' and rig.tick() is not None
+
+
 @pytest.mark.parametrize('why, relax', [
     ('stopped', False), ('hand lost', False), ('hand lost', True), ('robot lost', False)])
 def test_a_deadman_that_is_pressed_on_and_on_undoes_no_stop(why, relax):
