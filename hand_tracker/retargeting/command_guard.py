@@ -29,6 +29,8 @@ from .guard_kernel import (
     EASING,
     FOLLOWING,
     HOLDING,
+    LACKS_JOINT,
+    NO_FAULT,
     RELAXING,
     GuardMemory,
     follow_wanted,
@@ -80,8 +82,6 @@ class CommandGuard:
 
     Attributes
     ----------
-    lacking : str
-        Joint that the robot's last joint states lack, for messages.
     memory : GuardMemory
         Its numbers.
     pack : pack of GuardMemory
@@ -112,7 +112,7 @@ class CommandGuard:
         self._lost_time = -math.inf
         self._must_release = False
         self._judged_time = self._resumed_time = -math.inf
-        self.lacking = ''
+        self._lacking = ''
 
     @property
     def state(self) -> GuardState:
@@ -177,6 +177,10 @@ class CommandGuard:
         if given.shape == self._rest.shape:
             observe_position(self.pack, given, now)
 
+    def refuse_robot(self, lacking: str) -> None:
+        """Take note that the robot's last joint states lack a joint, for messages."""
+        self._lacking, self.memory.robot_fault[0] = lacking, LACKS_JOINT
+
     def observe_hand(self, wanted: ArrayLike, now: float) -> bool:
         """Take the position that the person's hand wants; return whether it is followed.
 
@@ -232,8 +236,9 @@ class CommandGuard:
         start = self._rest
         if self.options.require_robot_state:
             if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
-                return self._refuse("the robot's joint states are missing or old" + (
-                    f': they lack {self.lacking}' if self.lacking else ''))
+                kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
+                return self._refuse(
+                    f"the robot's joint states are missing or {kind}{self._robot_fault()}")
             start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
             beyond /= self._per_radian
@@ -247,6 +252,13 @@ class CommandGuard:
         memory.command_time[0] = now
         self._go(GuardState.EASING, "moving slowly to the person's pose")
         return ''
+
+    def _robot_fault(self) -> str:
+        """Return the fault of the robot's last joint states after a colon, or nothing."""
+        fault = int(self.memory.robot_fault[0])
+        if fault == LACKS_JOINT:
+            return f': they lack {self._lacking}'
+        return '' if fault == NO_FAULT else f': {self._names[fault]} is not finite'
 
     def _refuse(self, reason: str) -> str:
         self._reason = reason
@@ -343,7 +355,7 @@ class CommandGuard:
             self._must_release = False
         if self.is_engaged and now - memory.robot_time[0] > memory.robot_timeout:
             # It may start anew elsewhere, and would snap to the command.
-            self.disengage("the robot's joint states ended")
+            self.disengage(f"the robot's joint states ended{self._robot_fault()}")
         is_lost = now - memory.hand_time[0] > memory.hand_timeout
         if self.is_following and is_lost:
             # Lost since its last frame grew old, even if nobody looked then.

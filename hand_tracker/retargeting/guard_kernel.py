@@ -19,6 +19,8 @@ from .jump_gate import JumpGate, accepts_position, new_jump_gate
 GUARD_CAPACITY = 256    # joints at most
 REACHED = .1            # [rad] from the person's pose, where a joint has reached it
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
+# What is wrong with the robot's joint states; else the first joint that is not finite
+NO_FAULT, LACKS_JOINT = -1, -2
 # States of the guard, by number
 DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
 
@@ -56,6 +58,8 @@ class GuardMemory(NamedTuple):
         states [s].
     gate : JumpGate
         Of what is wanted.
+    robot_fault : ndarray of int, shape (1,)
+        What is wrong with the robot's last joint states: see `NO_FAULT`.
     hold_timeout : ndarray, shape (1,)
         See `GuardOptions`; infinite while no deadman holds the robot [s].
     max_acceleration, max_speed, ease_speed, max_dt, hand_timeout : float
@@ -88,6 +92,7 @@ class GuardMemory(NamedTuple):
     press_time: np.ndarray
     robot_time: np.ndarray
     gate: JumpGate
+    robot_fault: np.ndarray
     hold_timeout: np.ndarray
     max_acceleration: float
     max_speed: float
@@ -123,6 +128,7 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         reached=np.zeros(GUARD_CAPACITY, np.int64), **flags, **times,
         gate=new_jump_gate(GUARD_CAPACITY, of_joints(options.max_jump * per_radian),
                            options.jump_frames, options.jump_time),
+        robot_fault=np.full(1, NO_FAULT),
         hold_timeout=np.full(1, options.hold_timeout if options.hold_to_engage else math.inf),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
         ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
@@ -146,12 +152,12 @@ def is_followed(guard: GuardMemory, now: float) -> bool:
 
 
 @jit
-def _are_finite(guard: GuardMemory, given: np.ndarray, now: float) -> bool:
-    """Return whether a time and the positions of all joints are finite."""
-    is_finite = math.isfinite(now)
+def _first_broken(guard: GuardMemory, given: np.ndarray) -> int:
+    """Return the first joint whose position is not finite, or `NO_FAULT`."""
     for i in range(guard.joints):
-        is_finite = is_finite and math.isfinite(given[i])
-    return is_finite
+        if not math.isfinite(given[i]):
+            return i
+    return NO_FAULT
 
 
 @jit
@@ -168,7 +174,8 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -
         Time of receipt [s].
     """
     guard = guards[0]
-    if _are_finite(guard, given, now):
+    guard.robot_fault[0] = _first_broken(guard, given)
+    if guard.robot_fault[0] == NO_FAULT and math.isfinite(now):
         for i in range(guard.joints):
             guard.robot[i] = given[i]
         guard.has_robot[0], guard.robot_time[0] = 1, now
@@ -188,7 +195,7 @@ def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> 
         Time of receipt [s].
     """
     guard = guards[0]
-    if not _are_finite(guard, given, now):
+    if _first_broken(guard, given) != NO_FAULT or not math.isfinite(now):
         guard.refused_values[0] += 1
         return False
     if now - guard.hand_time[0] > guard.hand_timeout:

@@ -133,6 +133,7 @@ class Teleoperation:
         self._needed = np.isin(np.arange(len(model.variables)), model.joints.variable[rows])
         self._robot_rows = JointRows([name if needed else '' for name, needed in zip(
             model.variables, self._needed)])
+        self._lacking = ''
 
     @property
     def refused_jumps(self) -> int:
@@ -242,10 +243,12 @@ class Teleoperation:
         """
         rows, is_new = self._robot_rows.find(names)
         if is_new:
-            self.guard.lacking = next(
+            self._lacking = next(
                 (name for name, needed, row in zip(self._model.variables, self._needed, rows)
                  if needed and row < 0), '')
-        if self.guard.lacking or len(positions) != len(names):
+        if self._lacking:
+            self.guard.refuse_robot(self._lacking)
+        if self._lacking or len(positions) != len(names):
             return
         there = rows >= 0
         given = self.guard.robot

@@ -147,6 +147,32 @@ def test_what_the_joint_states_of_the_robot_lack_is_named(own_hand):
     assert rig.engaged().it.guard.is_engaged
 
 
+def test_what_is_wrong_with_the_joint_states_of_the_robot_is_said(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand)
+    guard, joint = rig.it.guard, rig.loaded.hand.model.variables[3]
+    row = rig.names.index(joint)
+
+    def run(names, position):
+        for _ in range(60):
+            rig.now += STEP
+            rig.it.observe_robot(names, position, rig.now)
+            rig.it.observe_hand(RIGHT, rig.hand.relaxed(), rig.now)
+            rig.it.command(rig.now)
+        return guard.reason
+
+    lacking = [np.delete(one, row).tolist() for one in (rig.names, rig.position)]
+    broken = rig.names, [np.nan if i == row else one for i, one in enumerate(rig.position)]
+    for given, kind, fault in ((broken, 'of no use', f'{joint} is not finite'),
+                               (lacking, 'old', f'they lack {joint}')):
+        run(*given)
+        assert guard.engage(rig.now) == (
+            f"the robot's joint states are missing or {kind}: {fault}")
+        rig.engaged()
+        assert run(*given) == f"the robot's joint states ended: {fault}"
+    rig.engaged().now += 1.
+    assert rig.it.command(rig.now) is None and guard.reason == "the robot's joint states ended"
+
+
 def test_a_command_has_the_order_that_is_asked_for_and_mimics_by_name(own_hand):
     rig = Rig(GRIPPER, order=('other', 'slide')).engaged()
     command = rig.tick()
