@@ -31,7 +31,7 @@ from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
-from ..messages.stamps import Stamp, nanoseconds, stamp_of
+from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
@@ -122,7 +122,7 @@ class RetargetNode(SubscriptionHidingNode):
             self._wrist = WristFollower(WristOptions(**_options(WristOptions, 'wrist', values)))
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
-        self._robot_wrist_time = -math.inf
+        self._robot_wrist_time, self._robot_wrist_stamp = -math.inf, UNSTAMPED
         self._is_clutched, self._wrist_fault, self._frame_fault = False, '', ''
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
@@ -288,7 +288,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._teleoperation.observe_deviations(hand.names, hand.positions, hand.effort)
 
     def _on_robot(self, robot: JointPositions) -> None:
-        self._teleoperation.observe_robot(robot.names, robot.positions, time.monotonic())
+        self._teleoperation.observe_robot(
+            robot.names, robot.positions, time.monotonic(), nanoseconds(robot.stamp))
 
     def _on_transforms(self, message: Any) -> None:
         for transform in message.transforms:
@@ -306,8 +307,10 @@ class RetargetNode(SubscriptionHidingNode):
         if self._frame_fault:
             self.get_logger().warning(f'left out: {self._frame_fault}', once=True)
             return
-        pose = wrist_pose_of(*pose_numbers(message.pose))
-        if pose is not None:
+        stamp, pose = nanoseconds(message.header.stamp), wrist_pose_of(*pose_numbers(message.pose))
+        is_repeated = stamp == self._robot_wrist_stamp != UNSTAMPED
+        self._robot_wrist_stamp = stamp
+        if pose is not None and not is_repeated:
             self._robot_wrist, self._robot_wrist_time = pose, time.monotonic()
 
     def _on_clutch(self, message: Bool) -> None:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.numerics.jit import Pack, packed
+from ..messages.stamps import UNSTAMPED
 from .guard_kernel import (
     DISENGAGED,
     EASING,
@@ -32,6 +33,7 @@ from .guard_kernel import (
     LACKS_JOINT,
     NO_FAULT,
     RELAXING,
+    SAME_STAMP,
     GuardMemory,
     follow_wanted,
     move_command,
@@ -163,8 +165,8 @@ class CommandGuard:
         """Whether commands lead to the person's pose."""
         return self.state in (GuardState.EASING, GuardState.FOLLOWING)
 
-    def observe_robot(self, position: ArrayLike, now: float) -> None:
-        """Take the robot's joint states; what is not finite is left out.
+    def observe_robot(self, position: ArrayLike, now: float, stamp: int = UNSTAMPED) -> None:
+        """Take the robot's joint states; what is not finite, or not new, is left out.
 
         Parameters
         ----------
@@ -172,10 +174,12 @@ class CommandGuard:
             [rad or m]
         now : float
             Time of receipt [s].
+        stamp : int, optional
+            Of the message [ns]; one with the stamp of the last is no new one.
         """
         given = np.array(position, dtype=float)
         if given.shape == self._rest.shape:
-            observe_position(self.pack, given, now)
+            observe_position(self.pack, given, stamp, now)
 
     def refuse_robot(self, lacking: str) -> None:
         """Take note that the robot's last joint states lack a joint, for messages."""
@@ -258,6 +262,8 @@ class CommandGuard:
         fault = int(self.memory.robot_fault[0])
         if fault == LACKS_JOINT:
             return f': they lack {self._lacking}'
+        if fault == SAME_STAMP:
+            return ': they have the same stamp again and again'
         return '' if fault == NO_FAULT else f': {self._names[fault]} is not finite'
 
     def _refuse(self, reason: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.numerics.jit import Pack, jit
 from ..core.numerics.vectors import clamp
+from ..messages.stamps import UNSTAMPED
 from .guard_options import GuardOptions
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
@@ -20,7 +21,7 @@ GUARD_CAPACITY = 256    # joints at most
 REACHED = .1            # [rad] from the person's pose, where a joint has reached it
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
 # What is wrong with the robot's joint states; else the first joint that is not finite
-NO_FAULT, LACKS_JOINT = -1, -2
+NO_FAULT, LACKS_JOINT, SAME_STAMP = -1, -2, -3
 # States of the guard, by number
 DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
 
@@ -58,6 +59,8 @@ class GuardMemory(NamedTuple):
         states [s].
     gate : JumpGate
         Of what is wanted.
+    robot_stamp : ndarray of int, shape (1,)
+        Of the robot's last joint states that lack no joint [ns].
     robot_fault : ndarray of int, shape (1,)
         What is wrong with the robot's last joint states: see `NO_FAULT`.
     hold_timeout : ndarray, shape (1,)
@@ -92,6 +95,7 @@ class GuardMemory(NamedTuple):
     press_time: np.ndarray
     robot_time: np.ndarray
     gate: JumpGate
+    robot_stamp: np.ndarray
     robot_fault: np.ndarray
     hold_timeout: np.ndarray
     max_acceleration: float
@@ -128,7 +132,7 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
         reached=np.zeros(GUARD_CAPACITY, np.int64), **flags, **times,
         gate=new_jump_gate(GUARD_CAPACITY, of_joints(options.max_jump * per_radian),
                            options.jump_frames, options.jump_time),
-        robot_fault=np.full(1, NO_FAULT),
+        robot_stamp=np.full(1, UNSTAMPED), robot_fault=np.full(1, NO_FAULT),
         hold_timeout=np.full(1, options.hold_timeout if options.hold_to_engage else math.inf),
         max_acceleration=options.max_acceleration, max_speed=options.max_speed,
         ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
@@ -161,8 +165,11 @@ def _first_broken(guard: GuardMemory, given: np.ndarray) -> int:
 
 
 @jit
-def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> None:
+def observe_position(guards: Pack[GuardMemory], given: np.ndarray, stamp: int,
+                     now: float) -> None:
     """Take the robot's measured joint positions; ones that are not finite are left out.
+
+    So are ones with the stamp of the last, as of a driver that hangs.
 
     Parameters
     ----------
@@ -170,10 +177,16 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -
         Changed.
     given : ndarray, shape (>= n,)
         [rad or m]
+    stamp : int
+        Of the message [ns]; `UNSTAMPED` for none.
     now : float
         Time of receipt [s].
     """
     guard = guards[0]
+    if stamp == guard.robot_stamp[0] and stamp != UNSTAMPED:
+        guard.robot_fault[0] = SAME_STAMP
+        return
+    guard.robot_stamp[0] = stamp
     guard.robot_fault[0] = _first_broken(guard, given)
     if guard.robot_fault[0] == NO_FAULT and math.isfinite(now):
         for i in range(guard.joints):

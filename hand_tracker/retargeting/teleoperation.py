@@ -230,7 +230,7 @@ class Teleoperation:
             self._pack, self.guard.pack, np.array(deviations, dtype=float), most, rows)
 
     def observe_robot(self, names: Sequence[str], positions: Sequence[float] | np.ndarray,
-                      now: float) -> None:
+                      now: float, stamp: int = UNSTAMPED) -> None:
         """Take the robot's joint states; those that lack a commanded joint are left out.
 
         Parameters
@@ -240,6 +240,8 @@ class Teleoperation:
             [rad or m]
         now : float
             Time of receipt [s].
+        stamp : int, optional
+            Of the message [ns]; one with the stamp of the last is no new one.
         """
         rows, is_new = self._robot_rows.find(names)
         if is_new:
@@ -253,7 +255,7 @@ class Teleoperation:
         there = rows >= 0
         given = self.guard.robot
         given[there] = np.asarray(positions, dtype=float)[rows[there]]
-        self.guard.observe_robot(given, now)
+        self.guard.observe_robot(given, now, stamp)
         if not self.guard.is_engaged and np.isfinite(given).all():
             # Joints that move no digit stay where the robot has them.
             self._memory.held[self._idle] = given[self._idle]

@@ -181,6 +181,26 @@ def test_a_tracker_that_repeats_its_last_frame_is_no_hand(fast_path, robot):
 
 
 @pytest.mark.parametrize('fast_path', [True, False])
+def test_a_robot_whose_joint_states_repeat_one_stamp_is_not_known(fast_path, robot):
+    with following(robot, fast_path) as (process, node, bench):
+        is_frozen = [False]
+
+        def stamp():
+            bench.start.header.stamp.sec += not is_frozen[0]
+
+        node.create_timer(PERIOD, stamp)
+        # It has no stamp until here, as of a driver without a clock.
+        bench.until_engaged()
+        is_frozen[0] = True
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        fault = 'they have the same stamp again and again'
+        process.wait_for_line(f"disengaged: the robot's joint states ended: {fault}")
+        assert fault in bench.engage().message
+        is_frozen[0] = False
+        bench.until_engaged()
+
+
+@pytest.mark.parametrize('fast_path', [True, False])
 def test_a_node_that_was_stopped_for_long_does_not_go_on(fast_path, robot):
     with following(robot, fast_path) as (process, node, bench):
         process.send_signal(signal.SIGSTOP)
@@ -301,8 +321,8 @@ class ArmBench:
 
     def __init__(self, node):
         tf2_msgs = pytest.importorskip('tf2_msgs.msg')
-        self._wrist, self._arm = TransformStamped(child_frame_id='right_wrist'), PoseStamped()
-        self._wrist.transform.rotation.w = self._arm.pose.orientation.w = 1.
+        self._wrist, self.pose = TransformStamped(child_frame_id='right_wrist'), PoseStamped()
+        self._wrist.transform.rotation.w = self.pose.pose.orientation.w = 1.
         transforms = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
         arms = node.create_publisher(PoseStamped, 'robot/wrist_pose', 10)
         self.targets = node.collect(PoseStamped, 'robot/wrist_target')
@@ -314,7 +334,7 @@ class ArmBench:
             self._wrist.transform.translation.z += .0005
             transforms.publish(tf2_msgs.TFMessage(transforms=[self._wrist]))
             if self.has_pose:
-                arms.publish(self._arm)
+                arms.publish(self.pose)
 
         node.create_timer(PERIOD, tell)
 
@@ -356,8 +376,12 @@ def test_an_arm_whose_pose_comes_later_stays_until_it_is_engaged_anew(robot):
         bench.engage(False)
         assert not arm.targets and not arm.twists and not bench.commands
         node.repeat(bench.engage, lambda: arm.targets and bench.commands, .1)
+        assert process.output.count("the pose of the robot's wrist ended") == 1
+        # One that comes with one stamp again and again has ended, too.
+        arm.pose.header.stamp.sec = 1
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
         assert process.interrupt() == 0, process.output
-    assert process.output.count("the pose of the robot's wrist ended") == 1
+    assert process.output.count("the pose of the robot's wrist ended") == 2
     assert 'Traceback' not in process.output
 
 

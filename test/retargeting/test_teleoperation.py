@@ -152,17 +152,20 @@ def test_what_is_wrong_with_the_joint_states_of_the_robot_is_said(own_hand):
     guard, joint = rig.it.guard, rig.loaded.hand.model.variables[3]
     row = rig.names.index(joint)
 
-    def run(names, position):
+    def run(names, position, stamp=UNSTAMPED):
         for _ in range(60):
             rig.now += STEP
-            rig.it.observe_robot(names, position, rig.now)
+            rig.it.observe_robot(names, position, rig.now, stamp)
             rig.it.observe_hand(RIGHT, rig.hand.relaxed(), rig.now)
             rig.it.command(rig.now)
         return guard.reason
 
     lacking = [np.delete(one, row).tolist() for one in (rig.names, rig.position)]
-    broken = rig.names, [np.nan if i == row else one for i, one in enumerate(rig.position)]
+    frozen, broken = (rig.names, rig.position, 5), (rig.names, list(rig.position))
+    broken[1][row] = np.nan
     for given, kind, fault in ((broken, 'of no use', f'{joint} is not finite'),
+                               (frozen, 'of no use',
+                                'they have the same stamp again and again'),
                                (lacking, 'old', f'they lack {joint}')):
         run(*given)
         assert guard.engage(rig.now) == (

@@ -231,7 +231,7 @@ def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
     for i in range(listed.used[0]):
         row = listed.rows[i]
         command.position[i] = listed.numbers[row] if row >= 0 else guards[0].robot[i]
-    observe_position(guards, command.position, now)
+    observe_position(guards, command.position, _stamp(octets), now)
     return True
 
 
@@ -264,14 +264,13 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
     human = humans[0]
     for i in range(JOINT_COUNT):
         human.angles[0, i] = listed.numbers[listed.rows[i]]
-    sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
-    done = follow_frame(follows, humans, problems, solutions, guards,
-                        sec * 1_000_000_000 + nanosec, now)
+    done = follow_frame(follows, humans, problems, solutions, guards, _stamp(octets), now)
     if done == NOT_FOLLOWED:
         return NOT_FOLLOWED
     command.frames[0] += 1
     if done == COMMANDED:
         command.sent_time[0] = now
+        sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
         follow = follows[0]
         for number in range(MOST_COMMANDS):
             if command.wanted[number]:
@@ -281,6 +280,12 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
                     command.stamps_at[number, :command.stamps[number]],
                     command.numbers_at[number, :follow.commanded], sec, nanosec, follow.joints)
     return done
+
+
+@jit
+def _stamp(octets: np.ndarray) -> int:
+    """Return the stamp of a message with a header [ns]."""
+    return _word(octets, ENCAPSULATION) * 1_000_000_000 + _word(octets, ENCAPSULATION + 4)
 
 
 @jit

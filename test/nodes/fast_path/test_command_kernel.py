@@ -56,7 +56,7 @@ class SlowPath:
 
     def robot(self, data, now):
         read = self.readers[2].read(data)
-        self.it.observe_robot(read.names, read.positions, now)
+        self.it.observe_robot(read.names, read.positions, now, nanoseconds(read.stamp))
 
     def hand(self, data, now):
         """Return the messages that answer a frame."""
@@ -154,16 +154,18 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
     robots = joint_state_template(model.joint_names)
     # Of another driver on the same topic.
     others = joint_state_template(model.joint_names[1:])
-    at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
+    at, now, sent, reasons = model.joint_positions(loaded.hand.rest), 50., 0, set()
     for number, (angles, deviations, step) in enumerate(stream(2500, random)):
         now += step
         # Now and then the tracker hangs, and sends its last frame again and again.
         frame = number - max(number % 400 - 360, 0)
         stamp = Stamp(frame, 7 * frame)
+        # Its driver, too, for longer than that may take.
+        of_robot = Stamp(1 + number - max(number % 500 - 400, 0), 5)
         answers = []
         for rig in rigs:
             if number % 700 < 600:
-                rig.robot(robots.fill(stamp, at), now)
+                rig.robot(robots.fill(of_robot, at), now)
             if number % 50 < 3:
                 rig.robot(others.fill(stamp, at[1:]), now)
                 rig.robot(others.fill(stamp, at[1:] + 1.), now)
@@ -176,6 +178,8 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
         assert answers[0] == answers[1], number
         assert rigs[0].it.guard.state is rigs[1].it.guard.state
         np.testing.assert_array_equal(rigs[0].it.guard.robot, rigs[1].it.guard.robot)
+        assert rigs[0].it.guard.memory.robot_time == rigs[1].it.guard.memory.robot_time
+        reasons.add(rigs[1].it.guard.reason)
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
         assert rigs[0].it.repeated_frames == rigs[1].it.repeated_frames
         assert rigs[0].it._memory.is_confident[0] == rigs[1].it._memory.is_confident[0]
@@ -184,6 +188,8 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
     done = rigs[1].done
     assert min(done.count(kind) for kind in (NOT_FOLLOWED, COMMANDED)) > 20
     assert rigs[0].it.repeated_frames > 200
+    assert any('they have the same stamp' in reason for reason in reasons) == (
+        'require_robot_state' not in options)
     assert done.count(NO_COMMAND) > 0 and sent > done.count(COMMANDED) > .5 * len(done)
 
 
@@ -202,7 +208,7 @@ def test_what_is_due_to_end_is_left_to_the_slow_path_unchanged(what, after, tmp_
     at = rig.it._model.joint_positions(rig.it._model.open_position())
     while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
         now += STEP
-        rig.robot(robot.fill(Stamp(1, 0), at), now)
+        rig.robot(robot.fill(Stamp(0, 0), at), now)
         rig.hand(data, now)
         rig.it.guard.press(now)
     before = [bytes(np.asarray(pack)) for pack in rig.it.packs if isinstance(pack, np.ndarray)]
