@@ -47,6 +47,12 @@ def is_repeated(sec: int, nanosec: int, last_sec: int, last_nanosec: int) -> boo
     return sec == last_sec and nanosec == last_nanosec
 
 
+@jit
+def stands_still(stamp: int, last: int) -> bool:
+    """Return whether a stamp that is set is the last one again, as of a sender that hangs [ns]."""
+    return stamp == last and stamp != UNSTAMPED
+
+
 def seconds(stamp: Time) -> float | None:
     """Return a stamp as one number, None for one that is unset.
 

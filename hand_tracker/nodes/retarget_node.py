@@ -31,7 +31,7 @@ from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
-from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of
+from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of, stands_still
 from ..messages.templates import Template
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
@@ -308,7 +308,7 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(f'left out: {self._frame_fault}', once=True)
             return
         stamp, pose = nanoseconds(message.header.stamp), wrist_pose_of(*pose_numbers(message.pose))
-        is_repeated = stamp == self._robot_wrist_stamp != UNSTAMPED
+        is_repeated = stands_still(stamp, self._robot_wrist_stamp)
         self._robot_wrist_stamp = stamp
         if pose is not None and not is_repeated:
             self._robot_wrist, self._robot_wrist_time = pose, time.monotonic()

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.numerics.jit import Pack, jit
 from ..core.pose.deviation import mean_confidence
-from ..messages.stamps import UNSTAMPED
+from ..messages.stamps import UNSTAMPED, stands_still
 from .guard_kernel import (
     GUARD_CAPACITY,
     GuardMemory,
@@ -149,7 +149,7 @@ def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand], stamp: 
         Time of receipt [s].
     """
     memory = memories[0]
-    if stamp == memory.hand_stamp[0] and stamp != UNSTAMPED:
+    if stands_still(stamp, memory.hand_stamp[0]):
         memory.repeated[0] += 1
         return -1.
     memory.hand_stamp[0] = stamp

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.numerics.jit import Pack, jit
 from ..core.numerics.vectors import clamp
-from ..messages.stamps import UNSTAMPED
+from ..messages.stamps import UNSTAMPED, stands_still
 from .guard_options import GuardOptions
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
@@ -183,7 +183,7 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, stamp: int,
         Time of receipt [s].
     """
     guard = guards[0]
-    if stamp == guard.robot_stamp[0] and stamp != UNSTAMPED:
+    if stands_still(stamp, guard.robot_stamp[0]):
         guard.robot_fault[0] = SAME_STAMP
         return
     guard.robot_stamp[0] = stamp
