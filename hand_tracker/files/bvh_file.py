@@ -205,7 +205,7 @@ class _BvhFrames:
     def cut_note(self, frames: int, partial: bool) -> str:
         """Return a note on a file that is cut, empty for a whole one; raise unless `partial`."""
         if not self._table.is_cut and frames >= self._expected:
-            return ''
+            return self._table.doubt
         note = f'cut: {frames} whole frames of {self._expected}'
         if not partial or not frames:
             raise self._table.fault(f'{note}; expected a whole file' + (
@@ -421,8 +421,17 @@ def depth_first(parents: Sequence[int], joint: int = 0) -> list[int]:
     return found
 
 
+def _written(number: float) -> str:
+    """Return a number to its last bit, without exponent, with `BVH_DECIMALS` or more."""
+    text = f'{number:.{BVH_DECIMALS}f}'
+    return text if float(text) == number else np.format_float_positional(
+        number, min_digits=BVH_DECIMALS)
+
+
 def write_bvh_motion(path: Path, motion: BvhMotion) -> None:
     """Write a hierarchy and the numbers of its channels, each number to its last bit.
+
+    None has fewer decimals than `BVH_DECIMALS`, so that a cut is known by its last number.
 
     Parameters
     ----------
@@ -449,4 +458,4 @@ def write_bvh_motion(path: Path, motion: BvhMotion) -> None:
     with open(path, 'w', encoding='utf-8', newline='') as file:
         file.write('\n'.join(lines))
         for row in motion.values:
-            file.write(' '.join(map(repr, row.tolist())) + '\n')
+            file.write(' '.join(map(_written, row.tolist())) + '\n')

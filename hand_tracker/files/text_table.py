@@ -87,12 +87,15 @@ class TextTable:
         Number of the last line that was read, from 1.
     is_cut : bool
         Whether the last line of the numbers was not whole, so that it was left out.
+    doubt : str
+        Of its last number, where that may be cut and was taken all the same, else empty.
     """
 
     def __init__(self, path: str | PathLike[str], file: IO[bytes]) -> None:
         self.path, self._file = Path(path), file
         self.line = 0
         self.is_cut = False
+        self.doubt = ''
         self._read = 0
         self._ahead: list[bytes] = []
         self._last = b''
@@ -206,9 +209,11 @@ class TextTable:
                 self.is_cut = True
                 return rows[:number]
         before = lines[-2] if len(lines) > 1 else self._line_before
-        if ended and not has_end and _ends_early(before, lines[-1], delimiter):
-            self.is_cut = True
-            return rows[:-1]
+        if ended and not has_end:
+            if _ends_early(before, lines[-1], delimiter):
+                self.is_cut = True
+                return rows[:-1]
+            self.doubt = _end_doubt(before, lines[-1], delimiter)
         return rows
 
     def _row(self, line: bytes, delimiter: bytes, columns: int, number: int,
@@ -236,17 +241,45 @@ class TextTable:
         return row
 
 
+def _cells(line: bytes, delimiter: bytes) -> list[bytes]:
+    return line.split() if delimiter == b' ' else [
+        cell.strip() for cell in line.strip().split(delimiter)]
+
+
+def _decimals(cells: list[bytes]) -> list[int]:
+    """Return of each number that has some how many decimals it has."""
+    return [len(cell.partition(b'.')[2]) for cell in cells
+            if b'.' in cell and b'e' not in cell.lower()]
+
+
 def _ends_early(before: bytes, last: bytes, delimiter: bytes) -> bool:
     """Return whether a line ends in a number of fewer decimals than any of the line before.
 
     Also where it ends in an empty cell that the line before has not.
     """
     if last.endswith(delimiter):
-        return not before.rstrip(b'\n').endswith(delimiter)
-    decimals = [len(cell.strip().partition(b'.')[2]) for cell in before.split(delimiter)
-                if b'.' in cell]
-    cell = last.strip().split(delimiter)[-1].strip()
-    return bool(decimals and cell) and len(cell.partition(b'.')[2]) < min(decimals)
+        # White space ends a number, and there are no empty cells between it.
+        return delimiter != b' ' and not before.rstrip(b'\n').endswith(delimiter)
+    usual, cell = _decimals(_cells(before, delimiter)), _cells(last, delimiter)[-1]
+    return (bool(usual and cell) and b'e' not in cell.lower()
+            and len(cell.partition(b'.')[2]) < min(usual))
+
+
+def _end_doubt(before: bytes, last: bytes, delimiter: bytes) -> str:
+    """Return a note on a line that ends in a number of fewer decimals than most before.
+
+    Where programs leave out zeros, that number may be cut, or be as it was.
+    """
+    cells = _cells(last, delimiter)
+    # A zero has none to leave out.
+    usual = sorted(_decimals([cell for cell in _cells(before, delimiter) if cell.strip(b'-0.')]))
+    if last[-1:].isspace() or not usual or not cells[-1]:
+        return ''
+    found = len(cells[-1].partition(b'.')[2])
+    if found >= usual[len(usual) // 4]:
+        return ''
+    return (f'the last line has no end: its last number {cells[-1].decode("latin-1")!r} may be '
+            'cut, as most have more decimals')
 
 
 def _until_blank_line(text: bytes) -> tuple[bytes, bool]:
@@ -369,6 +402,7 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
                               + (' (--partial reads what is there)' if frames else ''))
     if not frames:
         raise table.fault('no frames; expected rows of numbers')
+    note = note or table.doubt
     labels, points = buffer.finish()
     seconds = np.concatenate(times) if times else np.empty(0)
     skip = left_out > 0. and _is_increasing(counted) and np.median(np.diff(counted)) == 1.

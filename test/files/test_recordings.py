@@ -13,6 +13,13 @@ from mcap_ros2.reader import read_ros2_messages
 
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.files import npz_file
+from hand_tracker.files.bvh_file import (
+    CHANNELS,
+    BvhJoint,
+    BvhMotion,
+    read_bvh_motion,
+    write_bvh_motion,
+)
 from hand_tracker.files.point_recording import Axes, PointRecording, RecordingError
 from hand_tracker.files.recordings import (
     FORMATS,
@@ -273,6 +280,39 @@ def test_a_cut_file_is_refused_or_read_as_far_as_it_goes(tmp_path, suffix):
                     read_recording(cut)
         np.testing.assert_allclose(found.points, recording.points[:len(found.points)], atol=2e-7)
     assert read > 10
+
+
+BVH_TEXT = ('HIERARCHY\nROOT hand\n{{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}}\n'
+            'MOTION\nFrames: 2\nFrame Time: 0.01\n{}')
+
+
+def test_a_skeleton_cut_in_its_very_last_number_is_told(tmp_path):
+    joints = (BvhJoint('hand', -1, (0., 0., 0.), CHANNELS[:3]),)
+    values = np.array(((0., -0., 12.5), (1e-7, 40., 2.), (3., 4., -10.413951)))
+    path, cut = tmp_path / 'hand.bvh', tmp_path / 'cut.bvh'
+    write_bvh_motion(path, BvhMotion(joints, values, .01))
+    whole = path.read_bytes()
+    assert np.array_equal(read_bvh_motion(path).values, values)
+    cut.write_bytes(whole[:-1])
+    assert np.array_equal(read_bvh_motion(cut).values, values)
+    for missing in range(2, 12):
+        cut.write_bytes(whole[:-missing])
+        with pytest.raises(RecordingError, match='cut: 2 whole frames of 3'):
+            read_recording(cut)
+        found = read_recording(cut, ReadingOptions(partial=True))
+        assert len(found.points) == 2 and any('cut: 2' in note for note in found.notes)
+
+
+@pytest.mark.parametrize('rows, is_doubted', [
+    ('1.25 2.125 3.5\n1.125 2.25 3.75', False), ('1 2 3\n4 5 6', False),
+    ('1.25\t2.125\t3.5 \n1.125\t2.25\t3 ', False), ('1.251 2.125 3.5\n1.125 2.25 1e-05', True),
+    ('1.251 2.125 3.525 \n1.125 2.25 3.5 ', False), ('1.25 2.125 0.0\n1.125 2.25 3.7', True),
+    ('1.25 2.125 0.0\n1.125 2.25 3.7\n', False)])
+def test_a_last_line_without_an_end_is_read_and_doubted_where_it_may_be_cut(
+        tmp_path, rows, is_doubted):
+    found = read_recording(text_file(tmp_path, BVH_TEXT.format(rows), 'a.bvh'))
+    assert len(found.points) == 2
+    assert any('may be cut' in note for note in found.notes) == is_doubted
 
 
 @pytest.mark.parametrize('name, text, message', [
