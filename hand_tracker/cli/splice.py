@@ -24,7 +24,7 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Put tracked hands on the body that another system captured, whose joints stay as they are.
 
-    The clocks are aligned by the speed of the wrist. One recording is of the hand that its
+    The clocks are aligned by the path of the wrist. One recording is of the hand that its
     labels, --hand or --side say; of two the first is of the right hand.
     """
     parser = argparse.ArgumentParser(prog='hand_tracker splice', description=main.__doc__)
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
                         'the tracked hands')
     parser.add_argument('--offset', type=float, metavar='SECONDS',
                         help="time of the body at which the hands' recordings begin; default: "
-                        'as the speeds of the wrist tell')
+                        'as the paths of the wrist tell')
     parser.add_argument('--body-units', choices=tuple(UNIT_SPELLINGS),
                         help='of BODY; default: as the wrist moves, else by its size')
     return run_command('hand_tracker splice', _splice, parser.parse_args(arguments))

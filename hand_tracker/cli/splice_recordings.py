@@ -189,7 +189,7 @@ def _placed(options: argparse.Namespace, body: Any,
 
 def _alignment(offset: float | None, path: Trajectory, hand_path: Trajectory,
                side: str) -> ClockAlignment:
-    """Return the clock of a hand in the body's: as given, else by the speed of the wrist."""
+    """Return the clock of a hand in the body's: as given, else by the path of the wrist."""
     if offset is not None:
         try:
             found = align_clocks(path, hand_path)
@@ -200,11 +200,27 @@ def _alignment(offset: float | None, path: Trajectory, hand_path: Trajectory,
         found = align_clocks(path, hand_path)
     except AlignmentError as error:
         raise AlignmentError(f'{side} hand: {error}') from None
-    print(f'{side} hand: begins at {found.offset:.4f} s of the body, within '
-          f'{1e3 * found.deviation:.2f} ms; its clock {1e6 * found.drift:+.1f} ppm; speeds '
-          f'correlate by {found.correlation:.3f}, confidence {found.confidence:.2f}',
-          file=sys.stderr)
-    if not found.is_sure:
-        print(f'{side} hand: that is unsure, as the wrist moves little, or otherwise in the two; '
-              'compare the result, or give --offset SECONDS', file=sys.stderr)
+    print(alignment_words(found, side), file=sys.stderr)
     return found
+
+
+def alignment_words(found: ClockAlignment, side: str) -> str:
+    """Return in words where a hand's recording begins, and how sure that is.
+
+    Parameters
+    ----------
+    found : ClockAlignment
+    side : {'right', 'left'}
+    """
+    begins = f'{side} hand: begins at {found.offset:.4f} s of the body'
+    rest = (f'its clock {1e6 * found.drift:+.1f} ppm; motions correlate by '
+            f'{found.correlation:.3f}, confidence {found.confidence:.2f}')
+    unsure = f'{side} hand: that is unsure, as the wrist moves little, or otherwise in the two'
+    advice = 'compare the result, or give --offset SECONDS'
+    if not found.is_one_peak:
+        # The deviation is that about one offset, and says nothing of another one.
+        other = '' if np.isnan(found.next_best) else (
+            f'; it would fit nearly as well if it began at {found.next_best:.2f} s')
+        return f'{begins}, or elsewhere; {rest}\n{unsure}{other}; {advice}'
+    stated = f'{begins}, with a standard deviation of {1e3 * found.deviation:.1f} ms; {rest}'
+    return stated if found.is_sure else f'{stated}\n{unsure}; {advice}'

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from helpers.bodies import SimulatedBody
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
+from hand_tracker.cli.splice_recordings import alignment_words
 from hand_tracker.files.skeleton_motion import skeleton_motion
 from hand_tracker.splicing.clock_alignment import AlignmentError, Trajectory, align_clocks
 from hand_tracker.splicing.spliced_body import wrist_motion
@@ -87,3 +90,62 @@ def test_of_a_wrist_that_hardly_moves_no_sure_offset_is_told(share):
         else:
             assert not found.is_sure and found.confidence < .5 and found.deviation > .004
             assert abs(found.offset - .35) < 4. * found.deviation
+
+
+def slow_recordings(rate, offset, seed):
+    """Return a path of centimetres a second, as a body's system and as a hand's recorded it.
+
+    The hand's jumps by 1 cm where its markers were hidden, early in what both show.
+    """
+    random = np.random.default_rng(seed)
+    path = CubicSpline(np.arange(-8., 40., 3.), random.normal(0., .05, (16, 3)))
+    times = np.arange(2640) / 120.
+    hand = path(times) + random.normal(0., 3e-4, (len(times), 3))
+    begin = max(-offset, 0.) + .15
+    hand[(times > begin) & (times < begin + .1)] += .01
+    body_times = np.arange(round(20. * rate)) / rate
+    body = Rotation.from_rotvec((.2, .7, -.1)).apply(path(body_times - offset))
+    body += random.normal(0., 3e-4, body.shape)
+    return Trajectory(body_times, 100. * body), Trajectory(times, hand)
+
+
+@pytest.mark.parametrize('rate', [30., 60., 90., 120., 240.])
+@pytest.mark.parametrize('offset', [-.35, .35, 1.3, -3.217, 4.1, -4.1])
+def test_a_slow_wrist_is_aligned_as_exactly_as_is_stated(rate, offset):
+    found = align_clocks(*slow_recordings(rate, offset, 12))
+    assert abs(found.offset - offset) < 2.5 * found.deviation < .01
+    assert found.is_one_peak and found.is_sure
+
+
+def test_a_world_that_drifts_does_no_harm():
+    body, hand = recordings(20., 5, offset=.7)
+    drift = np.random.default_rng(1).normal(0., 5. / np.sqrt(60.), body.positions.shape)
+    found = align_clocks(body._replace(positions=body.positions + np.cumsum(drift, axis=0)), hand)
+    assert found.offset == pytest.approx(.7, abs=.002) and found.is_sure
+
+
+def test_a_left_handed_world_does_no_harm():
+    body, hand = recordings(15., 3, offset=.7)
+    found = align_clocks(body._replace(positions=body.positions * (1., 1., -1.)), hand)
+    assert found.offset == pytest.approx(.7, abs=.002) and found.gain == pytest.approx(100., rel=.1)
+
+
+def test_where_another_offset_fits_nearly_as_well_that_is_known():
+    random = np.random.default_rng(2)
+    once = CubicSpline(np.arange(0., 5., .4), np.append(knots := random.normal(
+        0., .1, (12, 3)), knots[:1], axis=0), bc_type='periodic')
+    other = CubicSpline(np.arange(-2., 20., .4), random.normal(0., .003, (55, 3)))
+
+    def path(times):
+        return once(times % 4.8) + other(times)
+
+    times = np.arange(1440) / 120.
+    found = align_clocks(Trajectory(times, path(times)), Trajectory(times[:1080], path(
+        times[:1080] + 1.) + random.normal(0., .01, (1080, 3))))
+    assert not found.is_one_peak and not found.is_sure
+    assert abs(found.next_best - found.offset) == pytest.approx(4.8, abs=.2)
+    said = alignment_words(found, 'right')
+    assert 'deviation' not in said and 'unsure' in said and '--offset SECONDS' in said
+    assert f'if it began at {found.next_best:.2f} s' in said
+    assert 'deviation of 1.5 ms' in alignment_words(found._replace(
+        confidence=.8, deviation=.0015), 'right')
