@@ -15,6 +15,7 @@ from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from ..core.model.layout_presets import LAYOUT_PRESETS
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
+from ..interruption import INTERRUPTED_EXIT_CODE
 from ..messages.labels import (
     LABEL_SOURCES,
     USUAL_TOPIC,
@@ -390,5 +391,5 @@ def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], s
         print(work(options, raise_on_interruption()))
     except KeyboardInterrupt:
         print(f'{name}: interrupted; no unfinished file is left', file=sys.stderr)
-        return 130
+        return INTERRUPTED_EXIT_CODE
     return 0

@@ -176,7 +176,8 @@ def align_clocks(body: Trajectory, hand: Trajectory) -> ClockAlignment:
     body_motion, hand_motion = _motion(body, 'body'), _motion(hand, 'hand')
     lags, correlation = _correlations(body_motion.velocities, hand_motion.velocities)
     start = body_motion.start - hand_motion.start
-    fits = [_fitted(body_motion, hand_motion, (start + lag / GRID_RATE, 0.))
+    hand_path = CubicSpline(hand_motion.times, hand_motion.positions)
+    fits = [_fitted(body_motion, hand_path, (start + lag / GRID_RATE, 0.))
             for lag in _peaks(lags, correlation)]
     fits.sort(key=lambda fit: fit.rest)
     best = fits[0]
@@ -191,7 +192,7 @@ def align_clocks(body: Trajectory, hand: Trajectory) -> ClockAlignment:
             f'{np.sqrt(max(0., 1. - rest)):.2f} at another offset; expected the same wrist in '
             'both, moved in some way that it does not repeat, or --offset SECONDS')
     line = _windowed_offset(body_motion, hand_motion, best)
-    refined = _fitted(body_motion, hand_motion, line, is_final=True)
+    refined = _fitted(body_motion, hand_path, line, is_final=True)
     return refined.alignment._replace(
         confidence=confidence, next_best=others[0].alignment.offset if others else float('nan'))
 
@@ -301,7 +302,7 @@ def _windowed_offset(body: _Motion, hand: _Motion, coarse: _Fit) -> tuple[float,
     return float(offset), float(drift)
 
 
-def _fitted(body: _Motion, hand: _Motion, line: tuple[float, float],
+def _fitted(body: _Motion, hand: CubicSpline, line: tuple[float, float],
             is_final: bool = False) -> _Fit:
     """Return offset and drift by least squares on the paths of the overlap, or on some of it.
 
@@ -309,17 +310,16 @@ def _fitted(body: _Motion, hand: _Motion, line: tuple[float, float],
     noise, which changes from sample to sample, and by a slow drift of a system's world; so that
     each counts for as much as it tells, what the past predicts of the difference is taken off both.
     """
-    spline = CubicSpline(hand.times, hand.positions)
-    start = ClockAlignment(*line)
-    times = start.hand_times(body.times)
-    inside = np.flatnonzero((times > hand.times[0] + UNFITTED) & (times < hand.times[-1] - UNFITTED)
-                            & (body.times > body.times[0] + UNFITTED)
-                            & (body.times < body.times[-1] - UNFITTED))[::FITTED_STEP]
-    duration = max(float(np.ptp(body.times[inside])), MIN_OVERLAP)
+    every, ends = body.times, hand.x[[0, -1]]
+    times = ClockAlignment(*line).hand_times(every)
+    inside = np.flatnonzero((times > ends[0] + UNFITTED) & (times < ends[1] - UNFITTED)
+                            & (every > every[0] + UNFITTED)
+                            & (every < every[-1] - UNFITTED))[::FITTED_STEP]
+    duration = max(float(np.ptp(every[inside])), MIN_OVERLAP)
     fits_drift = is_final and duration > DRIFT_OVERLAP
     if not is_final:
         inside = _most_moving(inside, body.positions)
-    body_times, path = body.times[inside], body.positions[inside]
+    body_times, path = every[inside], body.positions[inside]
     # About the middle of the overlap, where offset and drift are independent.
     middle = float(np.mean(times[inside]))
     at_middle = line[0] + (1. + line[1]) * middle
@@ -330,8 +330,8 @@ def _fitted(body: _Motion, hand: _Motion, line: tuple[float, float],
         return changes - changes.mean(axis=0)
 
     def hand_path(at: float, stretch: float) -> np.ndarray:
-        return spline(np.clip(middle + (body_times - at_middle - at)
-                              / (1. + line[1] + stretch / duration), *hand.times[[0, -1]]))
+        return hand(np.clip(middle + (body_times - at_middle - at)
+                            / (1. + line[1] + stretch / duration), *ends))
 
     own, other = whitened(path), whitened(hand_path(0., 0.))
     mirror = -1. if np.linalg.det(own.T @ other) < 0. else 1.
