@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ..messages.marker_array import MARKER_ARRAY
-from ..tracking.input_monitor import SENDS_NOTHING
+from ..tracking.input_monitor import SENDS_NOTHING, UNDISCOVERED
 
 # What rmw reports while discovery knows an endpoint but not yet its node.
 UNNAMED_NODE = '_NODE_NAME_UNKNOWN_'
@@ -45,7 +45,7 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
     if not endpoints:
         return None
     for endpoint in endpoints:
-        name = full_name(endpoint) or 'a node not yet discovered'
+        name = full_name(endpoint) or UNDISCOVERED
         if endpoint.topic_type != message_type:
             return f'{name} publishes {endpoint.topic_type}, not {message_type}'
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':

@@ -28,6 +28,7 @@ SILENT_AFTER = 3.   # [s] without markers before that is said
 # [s] from the start in which no markers need come yet: their source may still be starting.
 START_UP = 20.
 SENDS_NOTHING = 'sends nothing that arrives; is it paused?'
+UNDISCOVERED = 'a node not yet discovered'
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
 OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
 OFF_HAND_AFTER = 2.  # [s] before more than that is said
@@ -269,8 +270,8 @@ class InputMonitor:
         situation, who = self.situation(now), None
         if situation == 'silent' and situation != self._announced:
             who = publishers()
-            if ((who is None or who.endswith(SENDS_NOTHING)) and not self._has_received
-                    and now - self._start < START_UP):
+            if not self._has_received and now - self._start < START_UP and (
+                    who is None or who.startswith(UNDISCOVERED) or who.endswith(SENDS_NOTHING)):
                 situation = None
         if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED

@@ -22,6 +22,7 @@ from hand_tracker.tracking.input_monitor import (
     SILENT_AFTER,
     STANDING_STAMPS,
     START_UP,
+    UNDISCOVERED,
     InputMonitor,
 )
 from hand_tracker.tracking.marker_events import RECOVERED_AFTER
@@ -231,6 +232,15 @@ def test_nothing_need_publish_while_a_source_may_still_start():
     assert hand.watch.report(START_UP - .1, lambda: f'/replay, but {SENDS_NOTHING}') == []
     (warning, line), = hand.watch.report(SILENT_AFTER + .1, lambda: 'best effort, not reliable')
     assert warning and line.endswith('best effort, not reliable')
+    # A publisher's node is named as soon as discovery knows it.
+    hand = Input()
+    unnamed = f'{UNDISCOVERED} publishes with best effort'
+    assert hand.watch.report(SILENT_AFTER + .1, lambda: unnamed) == []
+    (warning, line), = hand.watch.report(SILENT_AFTER + .2, lambda: '/driver publishes')
+    assert warning and line.endswith('/driver publishes')
+    hand = Input()
+    (warning, line), = hand.watch.report(START_UP, lambda: unnamed)
+    assert warning and line.endswith(unnamed)
 
 
 def test_the_end_of_a_source_is_said_once_and_is_no_warning():
