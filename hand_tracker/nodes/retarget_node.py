@@ -241,7 +241,7 @@ class RetargetNode(SubscriptionHidingNode):
         if path is None:
             return
         path.disable()
-        self._sent = max(self._sent, path.sent_time)
+        self._sent = max(self._sent, path.served_time)
         for side, data in path.take_sides():
             self._read_joints[1 + side](data)
 
@@ -251,7 +251,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._fast_path.invalidate()
         self._read_joints[0](data)
         templates = [one for one in self._templates if isinstance(one, Template)]
-        if self._teleoperation.is_following and len(templates) == len(self._outputs):
+        # What is shown of a robot that is not engaged, the slow path publishes.
+        is_served = self._shown is None or self._teleoperation.guard.is_engaged
+        if is_served and self._teleoperation.is_regular and len(templates) == len(self._outputs):
             hand, *sides = map(ListedJoints, self._joint_readers, self._teleoperation.rows)
             self._fast_path.install(hand, sides, [
                 (publisher, template)
@@ -317,13 +319,15 @@ class RetargetNode(SubscriptionHidingNode):
         self._is_clutched = message.data
 
     def _on_timer(self) -> None:
-        now, sent = time.monotonic(), self._sent
+        now, sent, guard = time.monotonic(), self._sent, self._teleoperation.guard
         if self._started_path is not None:
-            sent = max(sent, self._started_path.sent_time)
+            sent = max(sent, self._started_path.served_time)
         # Frames of the hand are answered as they come; this is for when they do not.
         if self._pace.is_due(now, sent):
             self._take_over()
             self._send(now)
+        elif not guard.is_engaged:
+            guard.judge_ages(now)
         if self._wrist_outputs and self._wrist_pace.is_due(now, self._wrist_sent):
             self._send_wrist(now)
         self._publish_state()

@@ -16,7 +16,9 @@ from ..core.numerics.jit import Pack, jit
 from ..core.pose.deviation import mean_confidence
 from ..messages.stamps import UNSTAMPED, stands_still
 from .guard_kernel import (
+    DISENGAGED,
     GUARD_CAPACITY,
+    NO_FAULT,
     GuardMemory,
     follow_wanted,
     is_followed,
@@ -30,7 +32,7 @@ from .retarget_kernel import Problem, Solution, solve_frame
 
 LONGEST_HAND_STEP = .1  # [s] between two frames of the hand that counts
 # What `follow_frame` did with a frame
-NOT_FOLLOWED, NO_COMMAND, COMMANDED = range(3)
+NOT_FOLLOWED, NO_COMMAND, NOT_ENGAGED, COMMANDED = range(4)
 
 
 class FollowMemory(NamedTuple):
@@ -184,6 +186,22 @@ def observe_solution(memories: Pack[FollowMemory], solutions: Pack[Solution],
 
 
 @jit
+def hold_idle(memories: Pack[FollowMemory], guards: Pack[GuardMemory]) -> None:
+    """Let joints that move no digit stay where the robot has them, while it is not engaged.
+
+    Parameters
+    ----------
+    memories, guards : packs
+        The first is changed; the second has just taken joint states of the robot.
+    """
+    memory, guard = memories[0], guards[0]
+    if guard.state[0] == DISENGAGED and guard.robot_fault[0] == NO_FAULT:
+        for i in range(guard.joints):
+            if memory.used[i] < 0:
+                memory.held[i] = guard.robot[i]
+
+
+@jit
 def write_joints(memories: Pack[FollowMemory], guards: Pack[GuardMemory]) -> None:
     """Write the joints of the guard's command, mimic joints too."""
     memory, command = memories[0], guards[0].command
@@ -198,6 +216,8 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
                  now: float) -> int:
     """Retarget and guard a frame of the hand while the robot follows, after the jump gate.
 
+    Of a robot that is not engaged the frame is retargeted, so that engaging starts from it.
+
     Parameters
     ----------
     memories, humans, problems, solutions, guards : packs
@@ -210,11 +230,12 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     Returns
     -------
     int
-        `NOT_FOLLOWED`, and nothing has changed, where `Teleoperation` is needed; `COMMANDED`, or
-        `NO_COMMAND` as after a jump, or of a frame that was there before.
+        `NOT_FOLLOWED`, and nothing has changed, where `Teleoperation` is needed; `COMMANDED`;
+        `NOT_ENGAGED`; or `NO_COMMAND`, as after a jump, or of a frame that was there before.
     """
     memory, human = memories[0], humans[0]
-    if not memory.is_confident[0] or not is_followed(guards[0], now):
+    is_engaged = guards[0].state[0] != DISENGAGED
+    if not memory.is_confident[0] or (is_engaged and not is_followed(guards[0], now)):
         return NOT_FOLLOWED
     for i in range(JOINT_COUNT):
         if not math.isfinite(human.angles[0, i]):
@@ -226,6 +247,8 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     solve_frame(problems, solutions, human.landmarks, human.angles[0], step)
     if not observe_solution(memories, solutions, guards, now):
         return NO_COMMAND
+    if not is_engaged:
+        return NOT_ENGAGED
     follow_wanted(guards, start_step(guards, now))
     write_joints(memories, guards)
     return COMMANDED

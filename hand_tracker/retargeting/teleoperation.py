@@ -14,6 +14,7 @@ from .command_guard import CommandGuard
 from .follow_kernel import (
     accept_angles,
     follow_frame,
+    hold_idle,
     new_follow_memory,
     observe_deviations,
     observe_solution,
@@ -111,7 +112,6 @@ class Teleoperation:
         self._other_names = [other + joint for joint in JOINTS] if other != prefix else []
         self._model = model
         used = robot.digit_variables
-        self._idle = [i for i in range(len(model.variables)) if i not in used]
         self.order = loaded.order
         if max(len(model.variables), len(self.order)) > GUARD_CAPACITY:
             raise InvalidRobot(f'{len(model.variables)} independent joints; at most '
@@ -151,10 +151,10 @@ class Teleoperation:
         return self._pack, *self._retargeter.packs, self.guard.pack
 
     @property
-    def is_following(self) -> bool:
+    def is_regular(self) -> bool:
         """Whether the next frame may be given to `follow_frame`, which looks at the rest."""
         return (not self._retargeter.is_first and not self.fault
-                and self.guard.is_following)
+                and (self.guard.is_following or not self.guard.is_engaged))
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -256,9 +256,7 @@ class Teleoperation:
         given = self.guard.robot
         given[there] = np.asarray(positions, dtype=float)[rows[there]]
         self.guard.observe_robot(given, now, stamp)
-        if not self.guard.is_engaged and np.isfinite(given).all():
-            # Joints that move no digit stay where the robot has them.
-            self._memory.held[self._idle] = given[self._idle]
+        hold_idle(self._pack, self.guard.pack)
 
     def command(self, now: float) -> Command | None:
         """Return the command to send now; None where none is to be sent.

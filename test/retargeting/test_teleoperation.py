@@ -404,7 +404,7 @@ def test_ten_thousand_faults_of_the_tracker_break_no_rule(own_hand, options):
                 rig.it.observe_robot(model.variables[lacking:], position[lacking:], rig.now)
             rig.it.observe_deviations(RIGHT, known[fault == 'unsure'], known[1])
             done = NOT_FOLLOWED
-            if frame and frame[0] is RIGHT and len(frame[1]) == len(RIGHT) and rig.it.is_following:
+            if frame and frame[0] is RIGHT and len(frame[1]) == len(RIGHT) and rig.it.is_regular:
                 rig.it._retargeter.human.angles[0] = frame[1]
                 done = follow_frame(*rig.it.packs, frame[2], rig.now)
                 in_kernel += done == COMMANDED

@@ -17,9 +17,11 @@ from ...messages.joint_states import STAMP_END, JointStateReader
 from ...messages.templates import fill_template
 from ...retargeting.follow_kernel import (
     COMMANDED,
+    NO_COMMAND,
     NOT_FOLLOWED,
     FollowMemory,
     follow_frame,
+    hold_idle,
     observe_deviations,
 )
 from ...retargeting.guard_kernel import GUARD_CAPACITY, GuardMemory, observe_position
@@ -74,8 +76,8 @@ class CommandMemory(NamedTuple):
         See `FastPathMemory`; of `MOST_COMMANDS` messages.
     wanted : ndarray of int, shape (MOST_COMMANDS,)
         Whether each message is sent.
-    sent_time : ndarray, shape (1,)
-        Of the last command [s].
+    served_time : ndarray, shape (1,)
+        Of the last frame that a command has answered, or of a robot that is not engaged [s].
     frames : ndarray of int, shape (1,)
         Frames processed so far.
     """
@@ -89,7 +91,7 @@ class CommandMemory(NamedTuple):
     numbers_at: np.ndarray
     stamps: np.ndarray
     wanted: np.ndarray
-    sent_time: np.ndarray
+    served_time: np.ndarray
     frames: np.ndarray
 
 
@@ -109,7 +111,7 @@ def new_command_memory() -> CommandMemory:
         stamps_at=np.zeros((MOST_COMMANDS, 1), np.int64),
         numbers_at=np.zeros((MOST_COMMANDS, GUARD_CAPACITY), np.int64),
         stamps=np.zeros(MOST_COMMANDS, np.int64), wanted=np.zeros(MOST_COMMANDS, np.int64),
-        sent_time=np.full(1, -math.inf), frames=one())
+        served_time=np.full(1, -math.inf), frames=one())
 
 
 def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.ndarray) -> bool:
@@ -211,14 +213,14 @@ def process_deviations(commands: Pack[CommandMemory], follows: Pack[FollowMemory
 
 
 @jit
-def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
-                     octets: np.ndarray, now: float) -> bool:
+def process_position(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
+                     guards: Pack[GuardMemory], octets: np.ndarray, now: float) -> bool:
     """Take a message with the robot's joint states; return whether it was processed.
 
     Parameters
     ----------
-    commands, guards : packs
-        Of CommandMemory and GuardMemory; changed.
+    commands, follows, guards : packs
+        Of CommandMemory, FollowMemory and GuardMemory; changed.
     octets : ndarray of uint8, shape (n,)
         The message.
     now : float
@@ -232,6 +234,7 @@ def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
         row = listed.rows[i]
         command.position[i] = listed.numbers[row] if row >= 0 else guards[0].robot[i]
     observe_position(guards, command.position, _stamp(octets), now)
+    hold_idle(follows, guards)
     return True
 
 
@@ -268,8 +271,9 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
     if done == NOT_FOLLOWED:
         return NOT_FOLLOWED
     command.frames[0] += 1
+    if done != NO_COMMAND:
+        command.served_time[0] = now
     if done == COMMANDED:
-        command.sent_time[0] = now
         sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
         follow = follows[0]
         for number in range(MOST_COMMANDS):

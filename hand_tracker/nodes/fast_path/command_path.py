@@ -205,9 +205,9 @@ class CommandPath(CallbackPath):
         return int(self._memory.frames[0])
 
     @property
-    def sent_time(self) -> float:
-        """When the last command was sent from here [s]; -inf before the first."""
-        return float(self._memory.sent_time[0])
+    def served_time(self) -> float:
+        """When a frame was last answered here, or needed no answer [s]; -inf before the first."""
+        return float(self._memory.served_time[0])
 
 
 def _command_callback(*layouts: np.dtype) -> Any:
@@ -242,7 +242,8 @@ def _command_callback(*layouts: np.dtype) -> Any:
                         if side == HAND_DEVIATIONS:
                             known = process_deviations(commands, packs[0], packs[4], octets)
                         else:
-                            known = process_position(commands, packs[4], octets, now)
+                            known = process_position(
+                                commands, packs[0], packs[4], octets, now)
                         if not known:
                             context.has_missed_side[side] = 1
                             is_known = False

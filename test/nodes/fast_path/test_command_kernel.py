@@ -22,7 +22,12 @@ from hand_tracker.nodes.fast_path.command_kernel import (
     process_position,
 )
 from hand_tracker.nodes.fast_path.kernel import install_reply
-from hand_tracker.retargeting.follow_kernel import COMMANDED, NO_COMMAND, NOT_FOLLOWED
+from hand_tracker.retargeting.follow_kernel import (
+    COMMANDED,
+    NO_COMMAND,
+    NOT_ENGAGED,
+    NOT_FOLLOWED,
+)
 from hand_tracker.retargeting.guard_kernel import FOLLOWING
 from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.retargeting.robot_file import load_robot
@@ -85,12 +90,10 @@ class BothPaths(SlowPath):
             self.install()
 
     def robot(self, data, now):
-        if not process_position(self.commands, self.it.packs[-1], bytes_of(data), now):
+        if not process_position(
+                self.commands, self.it.packs[0], self.it.packs[-1], bytes_of(data), now):
             super().robot(data, now)
             self.install()
-        elif not self.it.guard.is_engaged:
-            # The node reads it itself where the fast path is not enabled.
-            super().robot(data, now)
 
     def hand(self, data, now):
         done = NOT_FOLLOWED
@@ -101,13 +104,13 @@ class BothPaths(SlowPath):
             answer = super().hand(data, now)
             self.install()
             return answer
-        if done == NO_COMMAND:
+        if done != COMMANDED:
             return None
         return [self.memory.replies[i].view(np.uint8)[4:4 + one.size].tobytes()
                 for i, one in enumerate(self.templates)]
 
     def install(self):
-        self.has_layout = self.it.is_following
+        self.has_layout = self.it.is_regular
         if self.has_layout:
             for listed, reader, rows in zip(self.memory[:3], self.readers, self.it.rows):
                 install_numbers(listed, reader, rows)
@@ -183,6 +186,7 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
         assert rigs[0].it.repeated_frames == rigs[1].it.repeated_frames
         assert rigs[0].it._memory.is_confident[0] == rigs[1].it._memory.is_confident[0]
+        np.testing.assert_array_equal(rigs[0].it._memory.held, rigs[1].it._memory.held)
         if answers[0] is not None:
             sent += 1
     done = rigs[1].done
@@ -190,6 +194,7 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
     assert rigs[0].it.repeated_frames > 200
     assert any('they have the same stamp' in reason for reason in reasons) == (
         'require_robot_state' not in options)
+    assert (NOT_ENGAGED in done) == ('require_robot_state' not in options)
     assert done.count(NO_COMMAND) > 0 and sent > done.count(COMMANDED) > .5 * len(done)
 
 
