@@ -53,6 +53,7 @@ from .message_types import imported_message
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
+from .topic_publishers import full_name
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most
@@ -180,8 +181,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._joint_readers: list[JointStateReader] = []
         self._joint_subscriptions: list[Any] = []
         self._read_joints: list[Callable[[Any], None]] = []
-        # An arm of 1 kHz on the robot's topic leaves room for the states of its hand.
-        for topic, callback, profile in (('joint_states', self._on_hand, latest),
+        # An arm of 1 kHz on the same topic leaves room for the states of a hand.
+        for topic, callback, profile in (('joint_states', self._on_hand, recent),
                                          ('joint_confidence', self._on_deviations, latest),
                                          ('robot/joint_states', self._on_robot, recent)):
             reader = JointStateReader()
@@ -448,7 +449,20 @@ class RetargetNode(SubscriptionHidingNode):
         self.get_logger().info(f'{said[0]}: {said[1]}')
         self._publish_status()
 
+    def _warn_of_shared_topic(self) -> None:
+        """Warn once where not the hand's tracker alone publishes its joint states."""
+        topic = self._joint_subscriptions[0].topic_name
+        if self.count_publishers(topic) < 2:
+            return
+        names = sorted(filter(None, map(full_name, self.get_publishers_info_by_topic(topic))))
+        if len(names) > 1:
+            self.get_logger().warning(
+                f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
+                'of its own (remap joint_states). Joints of others are left out, which takes '
+                'time; two trackers of one hand would both move the robot', once=True)
+
     def _publish_status(self) -> None:
+        self._warn_of_shared_topic()
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         is_fine = guard.is_following and not self._wrist_fault
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -122,6 +123,7 @@ class Teleoperation:
         self.guard = CommandGuard(model.variables, model.lower, model.upper, model.velocity,
                                   robot.rest, options, model.per_radian)
         self.fault = ''
+        self._named_time = -math.inf  # of the last joint states of this hand
         rows = [model.joint_names.index(name) for name in self.order]
         self._ordered_rows = rows
         self._pack, self._memory = packed(new_follow_memory(
@@ -184,9 +186,14 @@ class Teleoperation:
         """
         self.guard.judge_ages(now)
         rows, is_new = self._hand_rows.find(names)
-        if is_new:
-            self.fault = self._fault_of(names) if rows.min() < 0 else ''
-        if self.fault or len(angles) != len(names):
+        if rows.min() < 0:
+            # Others, as an arm, may share the topic with the hand while it is there.
+            since = now - max(self._named_time, self._memory.hand_time[0])
+            if since > self.guard.options.hand_timeout and (is_new or not self.fault):
+                self.fault = self._fault_of(names)
+            return False
+        self.fault, self._named_time = '', now
+        if len(angles) != len(names):
             return False
         given = np.asarray(angles, dtype=float)[rows]
         if not np.isfinite(given).all():

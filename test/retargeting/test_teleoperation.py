@@ -226,6 +226,23 @@ def test_a_hand_of_the_other_side_is_refused(own_hand):
         Rig(urdf(wide_hand()), own_hand, wide_hand('left'))
 
 
+def test_others_share_the_topic_while_the_hand_is_there(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand).engaged()
+    wheel = dict(names=['wheel'], angles=[1.])
+    until = rig.now + 3. * rig.it.guard.options.hand_timeout
+    while rig.now < until:
+        rig.tick(**wheel)
+        assert rig.it.fault == '' and rig.it.guard.is_following
+        rig.tick()
+    # Without the hand they are named, as one may be taken for the other.
+    until = rig.now + 1.1 * rig.it.guard.options.hand_timeout
+    while rig.now < until:
+        rig.tick(**wheel)
+    assert 'they are not of this hand' in rig.it.fault
+    rig.tick()
+    assert rig.it.fault == ''
+
+
 def test_what_is_no_hand_is_named_and_left_out(own_hand):
     rig = Rig(urdf(wide_hand()), own_hand)
     rig.tick(names=['wheel'], angles=[1.])

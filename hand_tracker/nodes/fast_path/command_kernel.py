@@ -24,12 +24,18 @@ from ...retargeting.follow_kernel import (
     hold_idle,
     observe_deviations,
 )
-from ...retargeting.guard_kernel import GUARD_CAPACITY, GuardMemory, observe_position
+from ...retargeting.guard_kernel import (
+    GUARD_CAPACITY,
+    LACKS_JOINT,
+    GuardMemory,
+    observe_position,
+)
 from ...retargeting.human_hand import JOINT_COUNT, HumanHand
 from ...retargeting.retarget_kernel import Problem, Solution
 
 HEAD_CAPACITY = 2**14     # [bytes] of what joint states of a publisher begin with
 LISTED_CAPACITY = 512     # numbers in a JointState
+MOST_FOREIGN = 4          # layouts of other publishers of a topic, as of an arm
 MOST_COMMANDS = 4         # messages of a command, one of them for those who show the robot
 COMMAND_CAPACITY = 2**15  # [bytes] of such a message
 # Arguments of `follow_frame` before the stamp.
@@ -38,7 +44,7 @@ FollowPacks = tuple[Pack[FollowMemory], Pack[HumanHand], Pack[Problem], Pack[Sol
 
 
 class ListedNumbers(NamedTuple):
-    """Layout of a publisher's JointStates.
+    """Layout of a publisher's JointStates, and those of others on its topic.
 
     Attributes
     ----------
@@ -53,6 +59,10 @@ class ListedNumbers(NamedTuple):
         How many of them.
     numbers, effort : ndarray, shape (LISTED_CAPACITY,)
         Positions of the last message, and efforts where they count, aligned.
+    foreign : ndarray of uint8, shape (MOST_FOREIGN, HEAD_CAPACITY)
+        Heads of messages that do not count.
+    foreign_sizes : ndarray of int, shape (MOST_FOREIGN,)
+        Bytes of each, 0 for none.
     """
 
     head: np.ndarray
@@ -62,6 +72,8 @@ class ListedNumbers(NamedTuple):
     used: np.ndarray
     numbers: np.ndarray
     effort: np.ndarray
+    foreign: np.ndarray
+    foreign_sizes: np.ndarray
 
 
 class CommandMemory(NamedTuple):
@@ -103,7 +115,8 @@ def new_command_memory() -> CommandMemory:
     def listed() -> ListedNumbers:
         return ListedNumbers(
             np.zeros(HEAD_CAPACITY, np.uint8), one(), one(), np.zeros(GUARD_CAPACITY, np.int64),
-            one(), np.zeros(LISTED_CAPACITY), np.zeros(LISTED_CAPACITY))
+            one(), np.zeros(LISTED_CAPACITY), np.zeros(LISTED_CAPACITY),
+            np.zeros((MOST_FOREIGN, HEAD_CAPACITY), np.uint8), np.zeros(MOST_FOREIGN, np.int64))
 
     return CommandMemory(
         hand=listed(), deviations=listed(), robot=listed(), position=np.zeros(GUARD_CAPACITY),
@@ -120,21 +133,61 @@ def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.nd
     Parameters
     ----------
     listed : ListedNumbers
-        Changed, but by a message that does not count: another publisher's, whose layout stays.
+        Changed; that of a message that does not count is installed as foreign.
     reader : JointStateReader
     rows : ndarray of int, shape (n,)
         Which of the positions count; none of a message that does not.
     """
-    if not len(rows):
-        return False
     head = reader.head
+    if not head or len(head) > HEAD_CAPACITY:
+        return False
+    if not len(rows):
+        _install_foreign(listed, np.frombuffer(head, np.uint8))
+        return False
     listed.size[0] = 0
-    if len(head) > HEAD_CAPACITY or reader.count > LISTED_CAPACITY or not head:
+    if not rows.max() < reader.count <= LISTED_CAPACITY:
         return False
     listed.head[:len(head)] = np.frombuffer(head, np.uint8)
     listed.size[0], listed.listed[0] = len(head), reader.count
     listed.rows[:len(rows)], listed.used[0] = rows, len(rows)
     return True
+
+
+def _install_foreign(listed: ListedNumbers, head: np.ndarray) -> None:
+    """Install the head of messages that do not count, in place of the oldest where all are taken.
+
+    Parameters
+    ----------
+    listed : ListedNumbers
+        Changed.
+    head : ndarray of uint8, shape (n,)
+        `HEAD_CAPACITY` bytes at most.
+    """
+    listed.foreign[1:], listed.foreign_sizes[1:] = (
+        listed.foreign[:-1].copy(), listed.foreign_sizes[:-1].copy())
+    listed.foreign[0, :len(head)], listed.foreign_sizes[0] = head, len(head)
+
+
+@jit
+def _has_head(octets: np.ndarray, head: np.ndarray, size: int) -> bool:
+    """Return whether a message is a little-endian JointState with a head of some bytes."""
+    if size == 0 or len(octets) < STAMP_END + size:
+        return False
+    if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
+        return False
+    for i in range(size):
+        if octets[STAMP_END + i] != head[i]:
+            return False
+    return True
+
+
+@jit
+def _is_foreign(listed: ListedNumbers, octets: np.ndarray) -> bool:
+    """Return whether a message has one of the layouts that do not count."""
+    for i in range(MOST_FOREIGN):
+        if _has_head(octets, listed.foreign[i], listed.foreign_sizes[i]):
+            return True
+    return False
 
 
 @jit
@@ -148,14 +201,9 @@ def _read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
     octets : ndarray of uint8, shape (n,)
         The message.
     """
-    size, count, start = listed.size[0], listed.listed[0], _numbers_at(listed)
-    if size == 0 or len(octets) < start + 8 * count:
+    count, start = listed.listed[0], _numbers_at(listed)
+    if not _has_head(octets, listed.head, listed.size[0]) or len(octets) < start + 8 * count:
         return False
-    if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
-        return False
-    for i in range(size):
-        if octets[STAMP_END + i] != listed.head[i]:
-            return False
     copied = listed.numbers.view(np.uint8)
     for i in range(8 * count):
         copied[i] = octets[start + i]
@@ -206,7 +254,7 @@ def process_deviations(commands: Pack[CommandMemory], follows: Pack[FollowMemory
     """
     listed = commands[0].deviations
     if not _read_numbers(listed, octets) or not _read_effort(listed, octets):
-        return False
+        return _is_foreign(listed, octets)
     observe_deviations(
         follows, guards, listed.numbers, listed.effort, listed.rows[:listed.used[0]])
     return True
@@ -229,7 +277,10 @@ def process_position(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
     command = commands[0]
     listed = command.robot
     if not _read_numbers(listed, octets):
-        return False
+        is_foreign = _is_foreign(listed, octets)
+        if is_foreign:
+            guards[0].robot_fault[0] = LACKS_JOINT
+        return is_foreign
     for i in range(listed.used[0]):
         row = listed.rows[i]
         command.position[i] = listed.numbers[row] if row >= 0 else guards[0].robot[i]
@@ -257,13 +308,13 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
     Returns
     -------
     int
-        As `follow_frame`; `NOT_FOLLOWED` also of another layout.
+        As `follow_frame`; `NO_COMMAND` also of a foreign layout, `NOT_FOLLOWED` of an unknown one.
     """
     command = commands[0]
     follows, humans, problems, solutions, guards = packs
     listed = command.hand
     if not _read_numbers(listed, octets):
-        return NOT_FOLLOWED
+        return NO_COMMAND if _is_foreign(listed, octets) else NOT_FOLLOWED
     human = humans[0]
     for i in range(JOINT_COUNT):
         human.angles[0, i] = listed.numbers[listed.rows[i]]

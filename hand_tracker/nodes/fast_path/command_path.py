@@ -187,17 +187,19 @@ class CommandPath(CallbackPath):
             At most `MOST_COMMANDS`.
         """
         memory, context = self._memory, self._context
-        if not install_numbers(memory.hand, hand.reader, hand.rows):
-            return
+        is_hand = install_numbers(memory.hand, hand.reader, hand.rows)
         for listed, side in zip((memory.deviations, memory.robot), sides):
             install_numbers(listed, side.reader, side.rows)
-        memory.wanted[:] = context.publishers[:] = 0
-        for number, (publisher, template) in enumerate(replies):
-            if not install_reply(memory, number, template):
-                return
-            memory.wanted[number] = 1
-            self._set_outgoing(number, publisher, template, memory.replies[number])
-        self._is_installed = True
+        if is_hand:
+            memory.wanted[:] = context.publishers[:] = 0
+            for number, (publisher, template) in enumerate(replies):
+                if not install_reply(memory, number, template):
+                    memory.hand.size[0] = 0
+                    return
+                memory.wanted[number] = 1
+                self._set_outgoing(number, publisher, template, memory.replies[number])
+        # Also after a message of others, which share the hand's topic.
+        self._is_installed = bool(memory.hand.size[0])
 
     @property
     def frame_count(self) -> int:

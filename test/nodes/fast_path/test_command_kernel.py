@@ -15,6 +15,7 @@ from hand_tracker.messages.templates import (
     position_array_template,
 )
 from hand_tracker.nodes.fast_path.command_kernel import (
+    MOST_FOREIGN,
     install_numbers,
     new_command_memory,
     process_deviations,
@@ -244,3 +245,47 @@ def test_messages_of_another_layout_are_refused(damage, tmp_path):
     assert process_hand(
         rig.commands, rig.it.packs, bytes_of(damage(data)), now) == NOT_FOLLOWED
     assert process_hand(rig.commands, rig.it.packs, bytes_of(data), now) == COMMANDED
+
+
+def test_known_layouts_of_others_on_the_topic_are_left_out_here(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
+                    GuardOptions(require_robot_state=False))
+    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
+    arms = [joint_state_template([f'{arm}_elbow']).fill(Stamp(0, 0), [1.])
+            for arm in range(MOST_FOREIGN + 1)]
+    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
+        now += STEP
+        rig.hand(data, now)
+        rig.it.guard.engage(now)
+
+    def done(message):
+        return process_hand(rig.commands, rig.it.packs, bytes_of(message), now)
+
+    for arm in arms:
+        now += STEP
+        assert done(arm) == NOT_FOLLOWED
+        rig.hand(arm, now)
+        assert done(arm) == NO_COMMAND
+        assert done(data) == COMMANDED
+    # The oldest of too many is unknown again.
+    assert [done(arm) for arm in arms] == [NOT_FOLLOWED] + MOST_FOREIGN * [NO_COMMAND]
+
+
+def test_fewer_positions_than_names_are_never_followed(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
+                    GuardOptions(require_robot_state=False))
+    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
+    count = data.rindex(len(NAMES).to_bytes(4, 'little'), 0, -8 * len(NAMES))
+    short = data[:count] + (3).to_bytes(4, 'little') + data[count + 4:]
+    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
+        now += STEP
+        rig.hand(data, now)
+        rig.it.guard.engage(now)
+    for _ in range(3):
+        now += STEP
+        rig.hand(short, now)
+        assert rig.done[-1] == NOT_FOLLOWED
