@@ -106,6 +106,24 @@ def test_what_a_parameter_file_has_for_the_tracker_is_left_out_in_a_line(robot):
         assert process.interrupt() == 0, process.output
 
 
+def test_an_arm_may_share_the_topic_of_the_hand(robot):
+    from rclpy.node import Node
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        bench, arm = Bench(node), Node('arm_driver', context=node.context)
+        publisher = arm.create_publisher(JointState, 'joint_states', 10)
+        node.create_timer(.2 * PERIOD, lambda: publisher.publish(
+            JointState(name=['shoulder', 'elbow'], position=[0., 0.])))
+        bench.start = robot_states(joints(), .05)
+        bench.until('following')
+        process.wait_for_line('joint_states has 2 publishers (/arm_driver, /test)')
+        sent = len(bench.commands)
+        node.spin_until(lambda: len(bench.commands) > sent + 100)
+        # A busy machine may pause the hand now and then.
+        assert process.output.count('they are not of this hand') < 20
+        arm.destroy_node()
+        assert process.interrupt() == 0, process.output
+
+
 def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
     parameters = {'robot': robot, 'outputs': 'joint_state joint_trajectory position_array',
                   'rate': 50.}
