@@ -144,6 +144,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
         ('limits', options.limits), ('coupling', options.coupling)) if value}
     if listener.is_anonymous:
         _complete_kernels(jit.LABELLING_SET, 'labels points')
+    elif robot is not None:
+        _complete_kernels(jit.TRACKING_SET, 'tracks')
     # What is received is compared with the hand that is given here, the recording's.
     first = listener.hands[0]
     side = first.hand.side if len(listener.hands) == 1 else BOTH
@@ -153,7 +155,6 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
         processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
                                 robot_description=options.robot_description))
         _wait_for('retarget node', processes[-1], node, lambda: robot.is_ready)
-        _complete_kernels(jit.TRACKING_SET, 'tracks')
     print('Starting the tracker ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
                      broadcast='all', auto_size='false',

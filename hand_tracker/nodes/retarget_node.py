@@ -181,8 +181,10 @@ class RetargetNode(SubscriptionHidingNode):
         self._joint_readers: list[JointStateReader] = []
         self._joint_subscriptions: list[Any] = []
         self._read_joints: list[Callable[[Any], None]] = []
-        # An arm of 1 kHz on the same topic leaves room for the states of a hand.
-        for topic, callback, profile in (('joint_states', self._on_hand, recent),
+        # An arm of 1 kHz on the same topic leaves room for the states of a hand; of those, plain
+        # Python may be too slow for all, and answers the latest.
+        of_hand = latest if self._fast_path is None else recent
+        for topic, callback, profile in (('joint_states', self._on_hand, of_hand),
                                          ('joint_confidence', self._on_deviations, latest),
                                          ('robot/joint_states', self._on_robot, recent)):
             reader = JointStateReader()
