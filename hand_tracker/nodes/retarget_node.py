@@ -27,6 +27,7 @@ from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import SetBool
 
 from ..core.model.hand import SIDES, Hand
+from ..core.numerics.jit import DEFERRED
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
@@ -212,7 +213,9 @@ class RetargetNode(SubscriptionHidingNode):
         try:
             self._fast_path = CommandPath(self._teleoperation.packs)
         except FastPathUnavailable as error:
-            self.get_logger().info(f'no fast path, frames are slower: {error}')
+            until = (': once the tracker has compiled them, this node uses them when it is started '
+                     'anew' if DEFERRED else '')
+            self.get_logger().info(f'no fast path, frames are slower: {error}{until}')
 
     @contextmanager
     def served_by_events(self) -> Iterator[None]:

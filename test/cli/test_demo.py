@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -56,6 +57,28 @@ def test_demo_says_where_kernels_cannot_be_kept_and_goes_on(ros, monkeypatch, ca
     printed = capsys.readouterr()
     assert printed.out == '' and len(printed.err.splitlines()) == 1
     assert str(tmp_path / 'file' / 'cache') in printed.err
+
+
+@pytest.mark.parametrize('is_anonymous, kernels', [(False, 'tracking'), (True, 'labelling')])
+def test_kernels_are_complete_before_the_node_of_a_robot_starts(
+        is_anonymous, kernels, ros, monkeypatch):
+    """It would use those that are there at its start, to the end."""
+    from hand_tracker.cli import demo_run
+    begun = []
+
+    def start(name, **parameters):
+        begun.append(name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo_run, '_complete_kernels', lambda name, what: begun.append(name))
+    monkeypatch.setattr(demo_run, '_start', start)
+    listener = SimpleNamespace(
+        is_anonymous=is_anonymous, hands=[SimpleNamespace(hand=Hand.scaled())])
+    options = SimpleNamespace(
+        limits=None, coupling=None, robot='plain', hand='', robot_description='')
+    with pytest.raises(KeyboardInterrupt):
+        demo_run._play(None, listener, options, [], SimpleNamespace(is_ready=True))
+    assert begun == [kernels, 'retarget']
 
 
 def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
