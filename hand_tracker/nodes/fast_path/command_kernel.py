@@ -154,7 +154,7 @@ def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.nd
 
 
 def _install_foreign(listed: ListedNumbers, head: np.ndarray) -> None:
-    """Install the head of messages that do not count, in place of the oldest where all are taken.
+    """Install the head of messages that do not count, if it is new, in place of the oldest.
 
     Parameters
     ----------
@@ -163,9 +163,13 @@ def _install_foreign(listed: ListedNumbers, head: np.ndarray) -> None:
     head : ndarray of uint8, shape (n,)
         `HEAD_CAPACITY` bytes at most.
     """
+    size = len(head)
+    if any(known == size and np.array_equal(other[:size], head)
+           for known, other in zip(listed.foreign_sizes, listed.foreign)):
+        return
     listed.foreign[1:], listed.foreign_sizes[1:] = (
         listed.foreign[:-1].copy(), listed.foreign_sizes[:-1].copy())
-    listed.foreign[0, :len(head)], listed.foreign_sizes[0] = head, len(head)
+    listed.foreign[0, :size], listed.foreign_sizes[0] = head, size
 
 
 @jit

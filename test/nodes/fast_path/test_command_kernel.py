@@ -266,7 +266,9 @@ def test_known_layouts_of_others_on_the_topic_are_left_out_here(tmp_path):
     for arm in arms:
         now += STEP
         assert done(arm) == NOT_FOLLOWED
-        rig.hand(arm, now)
+        for _ in range(MOST_FOREIGN):
+            SlowPath.hand(rig, arm, now)
+            rig.install()
         assert done(arm) == NO_COMMAND
         assert done(data) == COMMANDED
     # The oldest of too many is unknown again.
