@@ -75,6 +75,11 @@ class JointStateReader:
         """Positions of the last message."""
         return self._count
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the last message has as many positions as names."""
+        return self._count == len(self._names)
+
     def read(self, data: bytes) -> JointPositions:
         """Parse a serialized message.
 
@@ -93,8 +98,8 @@ class JointStateReader:
             end = STAMP_END + len(self._head)
         start = end + (ENCAPSULATION - end) % 8 if self._count else end
         if len(data) < start + 8 * self._count:
-            raise MalformedMessage(f'JointState of {len(data)} bytes: expected {self._count} '
-                                   'positions')
+            count, self._head = self._count, b''
+            raise MalformedMessage(f'JointState of {len(data)} bytes: expected {count} positions')
         sec, nanosec = struct.unpack_from('<iI', data, ENCAPSULATION)
         return JointPositions(Stamp(sec, nanosec), self._names,
                               np.frombuffer(data, '<f8', self._count, start),

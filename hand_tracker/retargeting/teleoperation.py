@@ -185,11 +185,11 @@ class Teleoperation:
             Of the frame [ns]; one with the stamp of the last is no new one.
         """
         self.guard.judge_ages(now)
-        rows, is_new = self._hand_rows.find(names)
+        rows, _ = self._hand_rows.find(names)
         if rows.min() < 0:
             # Others, as an arm, may share the topic with the hand while it is there.
             since = now - max(self._named_time, self._memory.hand_time[0])
-            if since > self.guard.options.hand_timeout and (is_new or not self.fault):
+            if since > self.guard.options.hand_timeout and not self.fault:
                 self.fault = self._fault_of(names)
             return False
         self.fault, self._named_time = '', now

@@ -112,6 +112,7 @@ def test_frames_are_answered_on_the_fast_path_and_what_ends_ends_it(robot):
         node.spin_until(lambda: rig.states[-1] == 'disengaged')
         # Frames go on being retargeted there, so that it costs no more than to follow them.
         rig.until_served()
+        rig.until_served()
         sent = len(rig.commands)
         rig.until_served()
         assert len(rig.commands) == sent

@@ -89,7 +89,7 @@ class CommandMemory(NamedTuple):
     wanted : ndarray of int, shape (MOST_COMMANDS,)
         Whether each message is sent.
     served_time : ndarray, shape (1,)
-        Of the last frame that a command has answered, or of a robot that is not engaged [s].
+        Of the last frame that was answered by a command, or while not engaged retargeted [s].
     frames : ndarray of int, shape (1,)
         Frames processed so far.
     """
@@ -145,7 +145,7 @@ def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.nd
         _install_foreign(listed, np.frombuffer(head, np.uint8))
         return False
     listed.size[0] = 0
-    if not rows.max() < reader.count <= LISTED_CAPACITY:
+    if not reader.is_complete or reader.count > LISTED_CAPACITY:
         return False
     listed.head[:len(head)] = np.frombuffer(head, np.uint8)
     listed.size[0], listed.listed[0] = len(head), reader.count

@@ -40,6 +40,7 @@ if COMPILED:
 # Messages that are taken beside those of the hand, by number
 HAND_DEVIATIONS, ROBOT = range(2)
 SIDES_TAKEN = 2
+MOST_WAITING = 16  # messages of a side that are taken at once; more than its queue has
 
 
 class CommandContext(NamedTuple):
@@ -237,8 +238,11 @@ def _command_callback(*layouts: np.dtype) -> Any:
                 now = monotonic_time(context)
                 is_known = True
                 for side in range(SIDES_TAKEN):
-                    if call(context.take, context.side_subscriptions[side],
-                            context.side_incoming[side], 0, 0) == 0:
+                    # All that wait, as what is taken later would seem to be new then.
+                    left = MOST_WAITING
+                    while left > 0 and call(context.take, context.side_subscriptions[side],
+                                            context.side_incoming[side], 0, 0) == 0:
+                        left -= 1
                         buffer = numba.carray(at(context.side_incoming[side]), (2,), np.int64)
                         octets = numba.carray(at(buffer[0]), (buffer[1],), np.uint8)
                         if side == HAND_DEVIATIONS:
@@ -249,6 +253,7 @@ def _command_callback(*layouts: np.dtype) -> Any:
                         if not known:
                             context.has_missed_side[side] = 1
                             is_known = False
+                            left = 0
                 done = NOT_FOLLOWED
                 if is_known:
                     done = process_hand(commands, packs, numba.carray(

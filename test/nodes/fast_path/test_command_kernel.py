@@ -275,19 +275,43 @@ def test_known_layouts_of_others_on_the_topic_are_left_out_here(tmp_path):
     assert [done(arm) for arm in arms] == [NOT_FOLLOWED] + MOST_FOREIGN * [NO_COMMAND]
 
 
-def test_fewer_positions_than_names_are_never_followed(tmp_path):
+def test_known_layouts_of_others_on_the_robots_topic_are_left_out_here(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())), GuardOptions())
+    arm = joint_state_template(['elbow']).fill(Stamp(0, 0), [1.])
+    names = rig.it._model.joint_names
+    robot = joint_state_template(names).fill(Stamp(0, 0), np.zeros(len(names)))
+    rig.hand(joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.)
+
+    def is_processed(message, now):
+        return process_position(
+            rig.commands, rig.it.packs[0], rig.it.packs[-1], bytes_of(message), now)
+
+    for message in (robot, arm):
+        assert not is_processed(message, 10.)
+        rig.robot(message, 10.)
+    time = rig.it.guard.memory.robot_time
+    assert is_processed(robot, 11.) and time[0] == 11.
+    # An arm is no sign of the robot's hand.
+    assert is_processed(arm, 12.) and time[0] == 11.
+    assert is_processed(robot, 13.) and time[0] == 13.
+
+
+@pytest.mark.parametrize('given', [3, len(NAMES) + 1])
+def test_another_number_of_positions_than_names_is_never_followed(given, tmp_path):
     path = tmp_path / 'robot.yaml'
     path.write_text('name: ours\n')
     rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
                     GuardOptions(require_robot_state=False))
     data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
-    count = data.rindex(len(NAMES).to_bytes(4, 'little'), 0, -8 * len(NAMES))
-    short = data[:count] + (3).to_bytes(4, 'little') + data[count + 4:]
+    at = data.rindex(len(NAMES).to_bytes(4, 'little'), 0, -8 * len(NAMES))
+    wrong = data[:at] + given.to_bytes(4, 'little') + data[at + 4:] + bytes(8)
     while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
         now += STEP
         rig.hand(data, now)
         rig.it.guard.engage(now)
     for _ in range(3):
         now += STEP
-        rig.hand(short, now)
+        rig.hand(wrong, now)
         assert rig.done[-1] == NOT_FOLLOWED
