@@ -120,6 +120,21 @@ class BothPaths(SlowPath):
                 self.memory.wanted[number] = 1
 
 
+def following_rig(folder):
+    """Return both paths of a robot that follows a relaxed hand, a message of it, and the time."""
+    path = folder / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
+                    GuardOptions(require_robot_state=False))
+    # Of a sender without a clock: with a stamp it would be the same frame again.
+    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
+    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
+        now += STEP
+        rig.hand(data, now)
+        rig.it.guard.engage(now)
+    return rig, data, now
+
+
 def stream(frames, random):
     """Yield frames of a hand with faults: angles, deviations, seconds since the last one."""
     hand = wide_hand()
@@ -232,15 +247,7 @@ def test_what_is_due_to_end_is_left_to_the_slow_path_unchanged(what, after, tmp_
     lambda data: data[:60], lambda data: data[:-120], lambda data: b'\0\0' + data[2:],
     lambda data: data.replace(b'right_index', b'right_xndex'), lambda data: b''])
 def test_messages_of_another_layout_are_refused(damage, tmp_path):
-    path = tmp_path / 'robot.yaml'
-    path.write_text('name: ours\n')
-    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
-                    GuardOptions(require_robot_state=False))
-    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
-    while not rig.has_layout:
-        now += STEP
-        rig.hand(data, now)
-        rig.it.guard.engage(now)
+    rig, data, now = following_rig(tmp_path)
     now += STEP
     assert process_hand(
         rig.commands, rig.it.packs, bytes_of(damage(data)), now) == NOT_FOLLOWED
@@ -248,17 +255,9 @@ def test_messages_of_another_layout_are_refused(damage, tmp_path):
 
 
 def test_known_layouts_of_others_on_the_topic_are_left_out_here(tmp_path):
-    path = tmp_path / 'robot.yaml'
-    path.write_text('name: ours\n')
-    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
-                    GuardOptions(require_robot_state=False))
-    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
+    rig, data, now = following_rig(tmp_path)
     arms = [joint_state_template([f'{arm}_elbow']).fill(Stamp(0, 0), [1.])
             for arm in range(MOST_FOREIGN + 1)]
-    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
-        now += STEP
-        rig.hand(data, now)
-        rig.it.guard.engage(now)
 
     def done(message):
         return process_hand(rig.commands, rig.it.packs, bytes_of(message), now)
@@ -300,17 +299,9 @@ def test_known_layouts_of_others_on_the_robots_topic_are_left_out_here(tmp_path)
 
 @pytest.mark.parametrize('given', [3, len(NAMES) + 1])
 def test_another_number_of_positions_than_names_is_never_followed(given, tmp_path):
-    path = tmp_path / 'robot.yaml'
-    path.write_text('name: ours\n')
-    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
-                    GuardOptions(require_robot_state=False))
-    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
+    rig, data, now = following_rig(tmp_path)
     at = data.rindex(len(NAMES).to_bytes(4, 'little'), 0, -8 * len(NAMES))
     wrong = data[:at] + given.to_bytes(4, 'little') + data[at + 4:] + bytes(8)
-    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
-        now += STEP
-        rig.hand(data, now)
-        rig.it.guard.engage(now)
     for _ in range(3):
         now += STEP
         rig.hand(wrong, now)
