@@ -55,6 +55,9 @@ UNLIKELY = 1.5              # posture distance over the typical that puts labels
 NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
 RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
 KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
+# Ages of a point between which the cost of labelling one more marker by it fades, as clutter and
+# occlusions seldom last so long [s]; ours.
+LASTING_TIMES = 1., 2.
 
 
 @labelling_jit
@@ -134,11 +137,12 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
     if thorough or track.since_search[0] >= SEARCH_FRAMES:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
-    lead, other = _lead(rival, finding, cloud, history), _lead(exchanged, finding, cloud, history)
+    lead, other = _lead(track, rival, cloud, history), _lead(track, exchanged, cloud, history)
     if not few and other > lead:
         copy_finding(exchanged, rival)
         lead = other
-    _weigh_rival(prototype, track, cloud, rival, lead, seen, pressing, elapsed)
+    margin = RETURN_MARGIN * (1. - _lasting_share(track, rival, cloud, history))
+    _weigh_rival(prototype, track, cloud, rival, lead, margin, seen, pressing, elapsed)
     return False
 
 
@@ -167,18 +171,33 @@ def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
 
 
 @labelling_jit
-def _lead(rival: Finding, present: Finding, cloud: Cloud, history: PointHistory) -> float:
+def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
     """Return the cost lead of a rival labelling over the present one of a followed hand.
 
     A rival pays for each marker it labels besides, and for clutter, less and less as that ages.
     """
-    lead = present.cost[0] - rival.cost[0] - NEWLY_SEEN_COST * max(
-        count_seen(rival.rows) - count_seen(present.rows), 0)
+    present = track.finding
+    lead = present.cost[0] - rival.cost[0] - (
+        NEWLY_SEEN_COST * (1. - _lasting_share(track, rival, cloud, history)) * max(
+            count_seen(rival.rows) - count_seen(present.rows), 0))
     for row in rival.rows:
         if row >= 0 and not _has_point(present.rows, row):
             lead -= max(cloud.cost[row], 0.) * max(
                 1. - history.age[cloud.slots[row]] / KNOWN_TIME, 0.)
     return lead
+
+
+@labelling_jit
+def _lasting_share(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
+    """Return how long, 0 to 1, a rival's further points have been there, its markers hidden."""
+    least, rows = LASTING_TIMES[1], track.finding.rows
+    for i in range(len(rows)):
+        row = rival.rows[i]
+        if row >= 0 and rows[i] < 0:
+            least = min(least, track.hidden_for[i])
+        if row >= 0 and not _has_point(rows, row):
+            least = min(least, history.age[cloud.slots[row]])
+    return max(least - LASTING_TIMES[0], 0.) / (LASTING_TIMES[1] - LASTING_TIMES[0])
 
 
 @labelling_jit
@@ -212,7 +231,7 @@ def _trust(track: HandTrack, rival: Finding, contradicted: float) -> float:
 
 @labelling_jit
 def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Finding, lead: float,
-                 seen: np.ndarray, pressing: bool, elapsed: float) -> None:
+                 return_margin: float, seen: np.ndarray, pressing: bool, elapsed: float) -> None:
     """Accumulate the cost lead of a rival labelling, and take it above the margin.
 
     Parameters
@@ -222,6 +241,8 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
     rival : Finding
     lead : float
         Its cost lead.
+    return_margin : float
+        Least lead where it only labels more markers.
     seen : ndarray of bool, shape (M,)
         Markers with a point before any label was dropped.
     pressing : bool
@@ -241,7 +262,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
     poor = (palm_changed and not palm_is_seen(prototype, finding.rows)
             and count_seen(rival.rows) <= np.sum(seen))
     # Returns of markers to a likely hand are better judged by motion: see `returns`.
-    returns_alone = not (pressing or any_changed) and lead < RETURN_MARGIN
+    returns_alone = not (pressing or any_changed) and lead < return_margin
     if (returns_alone or same or poor or not lead > 0.
             or rival.distance[0] > UNLIKELY * max(prototype.typical, 1.)):
         track.doubt[0] = max(track.doubt[0] - RIVAL_MARGIN * elapsed / RIVAL_TIME, 0.)
