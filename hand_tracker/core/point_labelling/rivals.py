@@ -57,7 +57,7 @@ RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers
 KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
 # Ages of a point between which the cost of labelling one more marker by it fades, as clutter and
 # occlusions seldom last so long [s]; ours.
-LASTING_TIMES = 1., 2.
+LASTING_TIMES = .6, 1.4
 
 
 @labelling_jit
