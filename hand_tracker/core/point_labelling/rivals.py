@@ -25,6 +25,7 @@ from .palm_search import (
     blank_candidates,
     blank_finding,
     copy_finding,
+    count_seen_palm,
     label_candidates,
     palm_is_seen,
     refine_palm,
@@ -134,6 +135,8 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
     if not few:
         relabel(prototype, track, cloud.points, own, rival, exchanged)
+        if count_seen_palm(prototype, finding.rows) == 2:
+            _complete_palm(prototype, track, cloud, own, rival)
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
     if thorough or track.since_search[0] >= SEARCH_FRAMES:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
@@ -160,6 +163,32 @@ def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray
                          candidates)
     label_candidates(prototype, points, free, candidates, found)
     track.next_corner[0] = (track.next_corner[0] + tried) % len(points)
+
+
+@labelling_jit
+def _complete_palm(prototype: Prototype, track: HandTrack, cloud: Cloud, free: np.ndarray,
+                   found: Finding) -> None:
+    """Label the hand by its two palm markers with free points; a cheaper labelling is `found`.
+
+    The palm of two markers may be turned about their line, far from the point of a third.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+    cloud : Cloud
+    free : ndarray of bool, shape (n,)
+        Points of no other hand.
+    found : Finding
+        Replaced where a labelling costs less.
+    """
+    corners = cloud.free.copy()
+    for i in range(len(prototype.rigid)):
+        if prototype.rigid[i] > 0. and track.finding.rows[i] >= 0:
+            corners[track.finding.rows[i]] = True
+    candidates = blank_candidates()
+    search_palms(prototype, cloud.points, corners, 0, SEARCH_BUDGET, candidates)
+    label_candidates(prototype, cloud.points, free, candidates, found)
 
 
 @labelling_jit
