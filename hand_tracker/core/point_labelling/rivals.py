@@ -302,7 +302,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
                                                       LONGEST_TRUST)
         return
     shaken = track.shaken_for[0] > 0.
-    contradicted = elapsed if lead > CONTRADICTING_LEAD else 0.
+    contradicted = elapsed * lead / CONTRADICTING_LEAD if lead > CONTRADICTING_LEAD else 0.
     trust = min(_trust(track, rival, contradicted) / TRUST_TIME, 1.)
     margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
     track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
