@@ -56,8 +56,8 @@ UNLIKELY = 1.5              # posture distance over the typical that puts labels
 NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
 RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
 KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
-# Ages of a point between which the cost of labelling one more marker by it fades, as clutter and
-# occlusions seldom last so long [s]; ours.
+# Times of an occlusion, and of a point that may be the marker, between which the two extra costs of
+# labelling more markers fade: both seldom last so long [s]; ours.
 LASTING_TIMES = .6, 1.4
 
 
@@ -144,7 +144,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     if not few and other > lead:
         copy_finding(exchanged, rival)
         lead = other
-    margin = RETURN_MARGIN * (1. - _lasting_share(track, rival, cloud, history))
+    margin = RETURN_MARGIN * _novelty(track, rival, cloud, history)
     _weigh_rival(prototype, track, cloud, rival, lead, margin, seen, pressing, elapsed)
     return False
 
@@ -203,12 +203,12 @@ def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
 def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
     """Return the cost lead of a rival labelling over the present one of a followed hand.
 
-    A rival pays for each marker it labels besides, and for clutter, less and less as that ages.
+    A rival pays for each marker it labels besides, and for clutter, less and less as these age.
     """
     present = track.finding
-    lead = present.cost[0] - rival.cost[0] - (
-        NEWLY_SEEN_COST * (1. - _lasting_share(track, rival, cloud, history)) * max(
-            count_seen(rival.rows) - count_seen(present.rows), 0))
+    more = max(count_seen(rival.rows) - count_seen(present.rows), 0)
+    lead = (present.cost[0] - rival.cost[0]
+            - NEWLY_SEEN_COST * _novelty(track, rival, cloud, history) * more)
     for row in rival.rows:
         if row >= 0 and not _has_point(present.rows, row):
             lead -= max(cloud.cost[row], 0.) * max(
@@ -217,16 +217,16 @@ def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory)
 
 
 @labelling_jit
-def _lasting_share(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
-    """Return how long, 0 to 1, a rival's further points have been there, its markers hidden."""
-    least, rows = LASTING_TIMES[1], track.finding.rows
+def _novelty(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
+    """Return how new, 1 to 0, what a rival adds is: its points, and the occlusions that it ends."""
+    newest, rows = LASTING_TIMES[1], track.finding.rows
     for i in range(len(rows)):
         row = rival.rows[i]
         if row >= 0 and rows[i] < 0:
-            least = min(least, track.hidden_for[i])
+            newest = min(newest, track.hidden_for[i])
         if row >= 0 and not _has_point(rows, row):
-            least = min(least, history.age[cloud.slots[row]])
-    return max(least - LASTING_TIMES[0], 0.) / (LASTING_TIMES[1] - LASTING_TIMES[0])
+            newest = min(newest, history.age[cloud.slots[row]])
+    return min((LASTING_TIMES[1] - newest) / (LASTING_TIMES[1] - LASTING_TIMES[0]), 1.)
 
 
 @labelling_jit

@@ -169,6 +169,48 @@ def test_a_stray_point_that_fits_the_posture_is_not_taken_for_a_hidden_marker_of
         assert np.array_equal(labeller.update(points, number / RATE).rows[0], rows[:8]), number
 
 
+def followed_from_a_stray_point(pose, stray, frames=300, stray_frames=60):
+    """Follow a swaying hand, with a point at `stray` at first; return which labels are right."""
+    markers, sway = np.tile(markers_of(pose), (frames, 1, 1)), np.zeros((frames, 1, 3))
+    sway[:, 0, 0] = .03 * np.sin(1.4 * np.pi * np.arange(frames) / RATE)
+    markers, random = markers + sway, np.random.default_rng(1)
+    labeller, right = CloudLabeller([prototype()]), []
+    for number, frame in enumerate(markers):
+        points, rows = shuffled(frame, random)
+        if number < stray_frames:
+            points = np.vstack((points, stray + sway[number]))
+        right.append(labeller.update(points, number / RATE).rows[0] == rows)
+    return np.array(right)
+
+
+def markers_of(angles):
+    hand = Hand.scaled()
+    return marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))
+
+
+@pytest.mark.parametrize('number', (231, 238, 399))
+def test_a_thumb_whose_label_a_stray_point_had_from_the_first_frame_gets_it(number):
+    poses = natural_poses(Hand.scaled(), 400)
+    thumb = MARKERS.index('thumb')
+    right = followed_from_a_stray_point(poses[number], markers_of(poses.mean(axis=0))[thumb])
+    assert not right[0, thumb]    # the stray point is where thumbs are rather
+    assert right[-60:].all()
+
+
+@pytest.mark.parametrize(('number', 'turn'), ((110, .3), (110, .45), (200, -.3), (200, -.45)))
+def test_a_wrist_whose_label_a_stray_point_had_from_the_first_frame_gets_it(number, turn):
+    pose = natural_poses(Hand.scaled(), 400)[number]
+    wrist, index, little = markers_of(pose)[:3]
+    # Turned about the line of the knuckles: the palm's sides are the same.
+    axis = (little - index) / np.linalg.norm(little - index)
+    arm = wrist - index
+    stray = index + np.cos(turn) * arm + np.sin(turn) * np.cross(axis, arm) + (
+        1. - np.cos(turn)) * (axis @ arm) * axis
+    right = followed_from_a_stray_point(pose, stray)
+    assert not right[0, 0]
+    assert right[-60:].all()
+
+
 def test_two_hands_in_one_cloud_keep_their_own_markers():
     random = np.random.default_rng(4)
     labeller = CloudLabeller([prototype(side) for side in SIDES])
