@@ -187,7 +187,7 @@ def _complete_palm(prototype: Prototype, track: HandTrack, cloud: Cloud, free: n
         if prototype.rigid[i] > 0. and track.finding.rows[i] >= 0:
             corners[track.finding.rows[i]] = True
     candidates = blank_candidates()
-    search_palms(prototype, cloud.points, corners, 0, SEARCH_BUDGET, candidates)
+    search_palms(prototype, cloud.points, corners, 0, PRESSING_BUDGET, candidates)
     label_candidates(prototype, cloud.points, free, candidates, found)
 
 
