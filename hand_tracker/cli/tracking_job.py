@@ -120,8 +120,9 @@ class TrackingJob:
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
-            self._palms.update(name for name, frame in frames.items()
-                               if frame.state.palm in PALM_SEEN)
+            for name, frame in frames.items():
+                if frame.state.palm in PALM_SEEN:
+                    self._palms[name] += 1
             yield frames
         self._require_tracked()
         for name, (_, reading) in hands.items():
@@ -163,8 +164,9 @@ class TrackingJob:
             self.read += 1
             now = message.time
             yield message
-            self._misfits.update(
-                name for name, monitor in self._monitors.items() if monitor.is_wrong)
+            for name, monitor in self._monitors.items():
+                if monitor.is_wrong:
+                    self._misfits[name] += 1
             if now >= due:
                 due = now + int(1e9 * LOG_PERIOD)
                 self._report(now)

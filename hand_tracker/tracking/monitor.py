@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
+from ..core.model.states import PalmState
+from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
-from .input_monitor import InputMonitor, StateRun
+from .input_monitor import FIT_STEP, OFF_HAND_DISTANCE, InputMonitor, StateRun
 from .marker_events import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
@@ -68,6 +72,68 @@ class TrackedFrames(NamedTuple):
                    [(published, frame.state)], frame.markers, False, frame.restarted)
 
 
+class AlikeFrames:
+    """Collect consecutive frames of the slow path that differ in nothing that is monitored.
+
+    Each is like the one before in the names of its markers, and in the states of palm and markers,
+    and its markers are on the hand. They are monitored together, for `FIT_STEP` at most.
+    """
+
+    def __init__(self) -> None:
+        self._last: TrackedFrame | None = None
+        self._published: list[float] = []   # of those collected [s]
+        self._frames: list[TrackedFrame] = []
+        self._residuals: list[float] = []   # [m]
+
+    def add(self, frame: TrackedFrame, published: float) -> bool:
+        """Collect a frame; return whether it is like the last one given.
+
+        Parameters
+        ----------
+        frame : TrackedFrame
+        published : float
+            [s]
+        """
+        last, self._last = self._last, frame
+        if last is None or not _are_alike(last, frame):
+            return False
+        residual = mean_residual(frame.state.residuals)
+        if not residual <= OFF_HAND_DISTANCE:
+            return False
+        self._frames.append(frame)
+        self._published.append(published)
+        self._residuals.append(residual)
+        return True
+
+    @property
+    def duration(self) -> float:
+        """Time over which those collected were published [s]."""
+        return self._published[-1] - self._published[0] if self._published else 0.
+
+    def pop(self) -> TrackedFrames | None:
+        """Return the collected frames, and begin anew; None where there are none."""
+        frames, published, residuals = self._frames, self._published, self._residuals
+        if not frames:
+            return None
+        self._frames, self._published, self._residuals = [], [], []
+        stamp, state = frames[-1].stamp, frames[-1].state
+        run = StateRun(state.palm, state.marker_states, np.array([np.mean(residuals)]))
+        return TrackedFrames(
+            len(frames), stamp, state, [frame.received for frame in frames], published,
+            [frame.time for frame in frames], [(published[0], run), (published[-1], run)], None,
+            False, False)
+
+
+def _are_alike(last: TrackedFrame, frame: TrackedFrame) -> bool:
+    """Return whether a frame differs from the last one in nothing that is monitored."""
+    return (not frame.restarted and frame.state.palm is PalmState.TRACKED is last.state.palm
+            and frame.state.marker_states.tobytes() == last.state.marker_states.tobytes()
+            and frame.stamp != last.stamp
+            # All but stamp and positions
+            and frame.markers.frame_id == last.markers.frame_id
+            and frame.markers[3:] == last.markers[3:])
+
+
 class Monitor:
     """Monitor the tracking of one hand.
 
@@ -95,6 +161,7 @@ class Monitor:
         self._input = InputMonitor(now, topic, labels, names)
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names))
+        self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
@@ -127,10 +194,31 @@ class Monitor:
             without any marker of the hand, which may be of something else.
         """
         if isinstance(frame, TrackedFrame):
-            return frame._replace(is_valid=frame.is_valid and not self._input.is_wrong)
+            return frame._replace(is_valid=False) if self._input.is_wrong else frame
+        self._flush()
         self._input.received(received, frame)
         self.label_fault = self.label_fault or self._label_changes.add(frame, received)
         return None
+
+    def add(self, frame: TrackedFrame, published: float) -> None:
+        """Note a frame of a recording; those alike are noted together.
+
+        Parameters
+        ----------
+        frame : TrackedFrame
+        published : float
+            [s]
+        """
+        is_alike = not self._input.is_wrong and self._alike.add(frame, published)
+        if not is_alike or self._alike.duration >= FIT_STEP:
+            self._flush()
+        if not is_alike:
+            self.update(TrackedFrames.of(frame, published))
+
+    def _flush(self) -> None:
+        """Note the frames that are collected."""
+        if (frames := self._alike.pop()) is not None:
+            self.update(frames)
 
     def update(self, frames: TrackedFrames) -> bool:
         """Note frames that were tracked and published.
@@ -180,6 +268,7 @@ class Monitor:
 
     def log_lines(self, now: float, publishers: Callable[[], str | None]) -> list[tuple[bool, str]]:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
+        self._flush()
         self._check_side_of_hand()
         return self._input.report(now, publishers)
 
@@ -189,6 +278,7 @@ class Monitor:
 
     def ended(self) -> None:
         """Note the end of the input."""
+        self._flush()
         self._input.ended()
 
     def side_fault(self) -> str | None:

@@ -30,7 +30,7 @@ from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
-from .monitor import Monitor, TrackedFrames
+from .monitor import Monitor
 from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
 from .stream import Reader, Stream, TrackedFrame
@@ -212,7 +212,7 @@ class RecordedHand:
         if not isinstance(judged, TrackedFrame):
             return None
         if monitor is not None:
-            monitor.update(TrackedFrames.of(judged, now))
+            monitor.add(judged, now)
         if not judged.is_valid:
             return None
         return RecordedFrame(

@@ -233,9 +233,9 @@ class Stream:
         markers = message if isinstance(message, MarkerFrame) else self.reader.read(message)
         if markers.stamp is None:
             return markers
-        has_stamp = seconds(markers.stamp) is not None
-        stamp = markers.stamp if has_stamp else receipt_stamp()
-        time = self._time.of(markers.stamp, seconds(stamp))
+        stamped = seconds(markers.stamp)
+        stamp = receipt_stamp() if stamped is None else markers.stamp
+        time = self._time.of(markers.stamp, seconds(stamp) if stamped is None else stamped)
         tracker = self.tracker
         if self.take is not None:
             self.take.add(markers.positions, time)
@@ -246,7 +246,7 @@ class Stream:
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
-            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted,
+            tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
             tracker.hand.limits)
 
     @property

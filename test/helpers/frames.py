@@ -1,7 +1,6 @@
 """Frames of a hand at rest as they come in, and the tracker's states of them."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 
 RESTING = marker_positions(
@@ -20,8 +20,7 @@ ZERO_STAMP = Stamp(0, 0)
 
 def frame(positions=RESTING, stamp=ZERO_STAMP, unknown=(), foreign=(), doubled=()):
     """Return what a message held."""
-    return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
-                           unknown=unknown, foreign=foreign, doubled=doubled)
+    return MarkerFrame(stamp or None, 'mocap', np.asarray(positions), unknown, foreign, doubled)
 
 
 def hidden(*slots):

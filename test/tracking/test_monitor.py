@@ -12,8 +12,8 @@ from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
-from hand_tracker.tracking.input_monitor import SILENT_AFTER
-from hand_tracker.tracking.monitor import Monitor, TrackedFrames
+from hand_tracker.tracking.input_monitor import OFF_HAND_DISTANCE, SILENT_AFTER
+from hand_tracker.tracking.monitor import AlikeFrames, Monitor, TrackedFrames
 from hand_tracker.tracking.rate_limit import KEYS_LOGGED
 from hand_tracker.tracking.stream import TrackedFrame
 
@@ -24,13 +24,17 @@ def monitor():
     return Monitor(0., '/markers', LabelMap())
 
 
-def single(now, state=None, positions=RESTING, restarted=False):
-    """Return a frame of the slow path."""
+def tracked_frame(now, state=None, positions=RESTING, restarted=False):
+    """Return a frame of the slow path, published at `now` [s]."""
     stamp = Stamp(100 + int(now), round(now % 1. * 1e9))
-    tracked = TrackedFrame(now - LATENCY, stamp, 'mocap', 100. + now, state or state_of(),
-                           frame(positions, stamp), True, True, restarted,
-                           preset_limits('paper'))
-    return TrackedFrames.of(tracked, now)
+    return TrackedFrame(now - LATENCY, stamp, 'mocap', 100. + now, state or state_of(),
+                        frame(positions, stamp), True, True, restarted,
+                        preset_limits('paper'))
+
+
+def single(now, *args, **kwargs):
+    """Return such a frame as the only one of its batch."""
+    return TrackedFrames.of(tracked_frame(now, *args, **kwargs), now)
 
 
 def batch(times, *runs, count=None):
@@ -190,6 +194,43 @@ def test_a_hand_of_the_other_side_is_wrong_until_it_is_of_this_side():
             assert found.is_wrong and found.side_fault() in lines
     assert not found.is_wrong and found.side_fault() is None
     assert lines[0] == 'tracking' and 'tracking again' in lines
+
+
+def test_frames_of_a_recording_are_told_of_as_one_by_one():
+    together, one_by_one, random = monitor(), monitor(), np.random.default_rng(2)
+    swapped = {'index': MarkerState.SWAPPED, 'ring': MarkerState.SWAPPED}
+    kinds = [state_of(), state_of(thumb=MarkerState.STALE), state_of(**swapped),
+             state_of(PalmState.LOST), state_of(little=MarkerState.ABSENT)]
+    kinds += [state_of()._replace(residuals=np.full(8, miss)) for miss in (.001, .02)]
+    now = 0.
+    for _ in range(60):
+        kind = kinds[random.integers(len(kinds))]
+        for _ in range(random.integers(1, 300)):
+            now += 1. / 120.
+            restarted = random.random() < .002
+            together.add(tracked_frame(now, kind, restarted=restarted), now)
+            one_by_one.update(single(now, kind, restarted=restarted))
+            assert together.is_wrong == one_by_one.is_wrong
+        assert logged(together, now) == logged(one_by_one, now)
+    together.ended()
+    one_by_one.ended()
+    assert logged(together, now) == logged(one_by_one, now)
+    assert status(together, now)[:2] == status(one_by_one, now)[:2]
+    assert status(together, now).values['frames'] == status(one_by_one, now).values['frames']
+
+
+def test_a_frame_like_the_one_before_is_noted_with_the_next_that_differs():
+    found = AlikeFrames()
+    first, *others = (tracked_frame(.01 * number) for number in range(1, 4))
+    assert not found.add(first, .01) and found.pop() is None
+    assert found.add(others[0], .02) and found.add(others[1], .03)
+    assert not found.add(tracked_frame(.04, state_of(thumb=MarkerState.STALE)), .04)
+    frames = found.pop()
+    assert (frames.frame_count, frames.stamp, frames.published) == (
+        2, others[1].stamp, [.02, .03])
+    assert not found.add(tracked_frame(.05), .05)   # like the first ones, not like the last
+    far = state_of()._replace(residuals=np.full(8, 2. * OFF_HAND_DISTANCE))
+    assert not found.add(tracked_frame(.06, far), .06)
 
 
 def test_labels_that_change_are_a_fault_of_the_labels():
