@@ -16,12 +16,13 @@ from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
-from .input_monitor import FIT_STEP, OFF_HAND_DISTANCE, InputMonitor, StateRun
+from .input_monitor import OFF_HAND_DISTANCE, InputMonitor, StateRun
 from .marker_events import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
 from .stream import TrackedFrame
 
+ALIKE_TIME = .05    # [s] for which frames of a recording are monitored together; under `FIT_STEP`
 
 class TrackedFrames(NamedTuple):
     """Consecutive frames that were tracked and published: one, or a batch of the fast path.
@@ -76,7 +77,7 @@ class AlikeFrames:
     """Collect consecutive frames of the slow path that differ in nothing that is monitored.
 
     Each is like the one before in the names of its markers, and in the states of palm and markers,
-    and its markers are on the hand. They are monitored together, for `FIT_STEP` at most.
+    and its markers are on the hand.
     """
 
     def __init__(self) -> None:
@@ -210,7 +211,7 @@ class Monitor:
             [s]
         """
         is_alike = not self._input.is_wrong and self._alike.add(frame, published)
-        if not is_alike or self._alike.duration >= FIT_STEP:
+        if not is_alike or self._alike.duration >= ALIKE_TIME:
             self._flush()
         if not is_alike:
             self.update(TrackedFrames.of(frame, published))
