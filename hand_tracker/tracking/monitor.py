@@ -24,6 +24,7 @@ from .stream import TrackedFrame
 
 ALIKE_TIME = .05    # [s] for which frames of a recording are monitored together; under `FIT_STEP`
 
+
 class TrackedFrames(NamedTuple):
     """Consecutive frames that were tracked and published: one, or a batch of the fast path.
 
