@@ -208,14 +208,13 @@ def placed(points: np.ndarray, position: ArrayLike, orientation: ArrayLike,
     if zero_is_missing:
         points = _zeros_as_nan(points)
     turn = np.asarray(orientation, dtype=float)
-    w, v = turn[3], turn[:3]
-    with np.errstate(over='ignore', invalid='ignore'):  # of numbers that no hand has
-        norm = w * w + v @ v
-        # RViz takes a quaternion of zeros for no rotation.
-        if norm > 0.:
-            cross = np.cross(v, points)
-            points = points + 2. / norm * (w * cross + np.cross(v, cross))
-        return points + np.asarray(position)
+    # RViz takes a quaternion of zeros for no rotation.
+    if 0. < (greatest := np.abs(turn).max()) < np.inf:
+        turn = turn / greatest  # of any length: its square may be no float
+        w, v = turn[3], turn[:3]
+        cross = np.cross(v, points)
+        points = points + 2. / (w * w + v @ v) * (w * cross + np.cross(v, cross))
+    return points + np.asarray(position)
 
 
 def scaled(positions: np.ndarray, scale: float, zero_is_missing: bool) -> np.ndarray:

@@ -472,7 +472,7 @@ def _vanish(was_seen: np.ndarray, rows: np.ndarray) -> bool:
 @labelling_jit
 def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.ndarray,
              rows: np.ndarray, last: np.ndarray, step: float) -> None:
-    """Correct a hand by its assigned points: trust in labels, palm, markers, ids.
+    """Correct a hand by its assigned points: trust in labels, palm, markers, times, ids.
 
     Parameters
     ----------
@@ -502,6 +502,7 @@ def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.
             number = cloud.ids[row]
             track.id_kept_for[i] = track.id_kept_for[i] + step if number == track.ids[i] else 0.
             track.ids[i] = number
+            track.seen_for[i] += step
             cloud.free[row] = False
 
 

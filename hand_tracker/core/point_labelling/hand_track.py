@@ -90,6 +90,8 @@ class HandTrack(NamedTuple):
     trusted_for : ndarray, shape (M, M)
         Trust in pairs of labels: time without a better rival since the two could be exchanged; on
         the diagonal, since a marker's point could be clutter [s].
+    seen_for : ndarray, shape (M,)
+        Time with a label since the track began, or since another labelling was taken [s].
     ids : ndarray of int, shape (M,)
         Source's id of each marker's last point; -1 for none.
     id_kept_for : ndarray, shape (M,)
@@ -113,6 +115,8 @@ class HandTrack(NamedTuple):
         Time left after a cut in which a rival labelling is taken at once; negative once over [s].
     unlikely_for : ndarray, shape (1,)
         Time for which the posture has been unlikely, which puts the labels in doubt [s].
+    unreviewed_for : ndarray, shape (1,)
+        Time since the last relabelling [s].
     since_relabelling, since_search : ndarray of int, shape (1,)
         Frames since the last relabelling, and since the last search for the palm elsewhere.
     next_corner : ndarray of int, shape (1,)
@@ -131,6 +135,7 @@ class HandTrack(NamedTuple):
     suspected_for: np.ndarray
     motion: np.ndarray
     trusted_for: np.ndarray
+    seen_for: np.ndarray
     ids: np.ndarray
     id_kept_for: np.ndarray
     returns: Returns
@@ -142,6 +147,7 @@ class HandTrack(NamedTuple):
     arrivals: np.ndarray
     shaken_for: np.ndarray
     unlikely_for: np.ndarray
+    unreviewed_for: np.ndarray
     since_relabelling: np.ndarray
     since_search: np.ndarray
     next_corner: np.ndarray
@@ -155,12 +161,12 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
         np.zeros(count), np.full(count, FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
-        np.zeros((count, count)), np.full(count, -1), np.zeros(count),
+        np.zeros((count, count)), np.zeros(count), np.full(count, -1), np.zeros(count),
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
         np.zeros((count, count)), np.full((count, 3), np.nan), np.zeros(1), np.zeros(1),
-        np.zeros(1), np.full(1, BIRTHS[1]), np.zeros(1), np.zeros(1),
+        np.zeros(1), np.full(1, BIRTHS[1]), np.zeros(1), np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
         np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
     loaded_or_plain(start_places)(prototype, points, track)

@@ -193,6 +193,58 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
 
 
 @labelling_jit
+def complete_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, rows: np.ndarray,
+                   candidates: Candidates) -> None:
+    """Collect palm candidates: two labelled palm markers, and each free point as a third.
+
+    A palm of which two markers are seen may be turned about their line, far off the third's point.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    points : ndarray, shape (n, 3)
+        [m]
+    free : ndarray of bool, shape (n,)
+        Points that may be the third.
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none; with other than two of the palm there are no candidates.
+    candidates : Candidates
+        Updated.
+    """
+    if count_seen_palm(prototype, rows) != 2:
+        return
+    corners, rest, third = local_floats((3, 3)), local_floats((3, 3)), np.empty(3, np.int64)
+    rotation, position, weights = local_floats((3, 3)), local_floats(3), np.ones(3)
+    local, usable = np.empty((len(points), 3)), free.copy()
+    for row in rows:
+        if row >= 0:
+            usable[row] = True
+    for number in range(len(prototype.bases)):
+        base = prototype.bases[number]
+        lacking = -1
+        for i in range(3):
+            third[i] = rows[base[i]]
+            lacking = i if third[i] < 0 else lacking
+        if (third >= 0).sum() != 2:
+            continue
+        for j in range(len(points)):
+            if not free[j]:
+                continue
+            third[lacking] = j
+            for i in range(3):
+                for k in range(3):
+                    rest[i, k] = prototype.template[base[i], k]
+                    corners[i, k] = points[third[i], k]
+            size = fit_rigid(rest, corners, weights, rotation, position)
+            if prototype.sizes[0] <= size <= prototype.sizes[1]:
+                _scaled_origin(rest, corners, size, rotation, position)
+                to_palm_frame(points, rotation, position, size, local)
+                insert_candidate(candidates, quick_cost(
+                    prototype, local, usable, candidates.cost[len(candidates.cost) - 1]),
+                    number, third[0], third[1], third[2])
+
+
+@labelling_jit
 def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation: np.ndarray,
                    position: np.ndarray) -> None:
     """Set the palm's origin so that the centroids of scaled template and corners coincide."""

@@ -24,8 +24,8 @@ from .palm_search import (
     Finding,
     blank_candidates,
     blank_finding,
+    complete_palms,
     copy_finding,
-    count_seen_palm,
     label_candidates,
     palm_is_seen,
     refine_palm,
@@ -56,9 +56,10 @@ UNLIKELY = 1.5              # posture distance over the typical that puts labels
 NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
 RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
 KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
-# Times of an occlusion, and of a point that may be the marker, between which the two extra costs of
-# labelling more markers fade: both seldom last so long [s]; ours.
+# Ages of a point and of the lack of a label between which NEWLY_SEEN_COST and RETURN_MARGIN fade, for
+# markers that had no label for as long as the shorter one [s]; ours.
 LASTING_TIMES = .6, 1.4
+GREATEST_HASTE = 3.         # by which trust falls the faster, the farther a rival leads; ours
 
 
 @labelling_jit
@@ -120,6 +121,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
             track.suspected_for[i] = 0.
             track.hidden_for[i] = step
     track.since_relabelling[0] += 1
+    track.unreviewed_for[0] += step
     track.since_search[0] += 1
     track.shaken_for[0] -= step
     unlikely = finding.distance[0] > UNLIKELY * max(prototype.typical, .5)
@@ -128,15 +130,17 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     if track.since_relabelling[0] < (PRESSING_FRAMES if pressing or track.doubt[0] > 0.
                                      else RELABELLING_FRAMES):
         return False
-    elapsed = track.since_relabelling[0] * step
-    track.since_relabelling[0] = 0
+    elapsed = track.unreviewed_for[0]
+    track.since_relabelling[0], track.unreviewed_for[0] = 0, 0.
     own = cloud.free.copy()
     mark_points(own, finding.rows, True)
     rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
     if not few:
         relabel(prototype, track, cloud.points, own, rival, exchanged)
-        if count_seen_palm(prototype, finding.rows) == 2:
-            _complete_palm(prototype, track, cloud, own, rival)
+        if _lacks_palm_marker(prototype, track):
+            candidates = blank_candidates()
+            complete_palms(prototype, cloud.points, cloud.free, finding.rows, candidates)
+            label_candidates(prototype, cloud.points, own, candidates, rival)
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
     if thorough or track.since_search[0] >= SEARCH_FRAMES:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
@@ -166,32 +170,6 @@ def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray
 
 
 @labelling_jit
-def _complete_palm(prototype: Prototype, track: HandTrack, cloud: Cloud, free: np.ndarray,
-                   found: Finding) -> None:
-    """Label the hand by its two palm markers with free points; a cheaper labelling is `found`.
-
-    The palm of two markers may be turned about their line, far from the point of a third.
-
-    Parameters
-    ----------
-    prototype : Prototype
-    track : HandTrack
-    cloud : Cloud
-    free : ndarray of bool, shape (n,)
-        Points of no other hand.
-    found : Finding
-        Replaced where a labelling costs less.
-    """
-    corners = cloud.free.copy()
-    for i in range(len(prototype.rigid)):
-        if prototype.rigid[i] > 0. and track.finding.rows[i] >= 0:
-            corners[track.finding.rows[i]] = True
-    candidates = blank_candidates()
-    search_palms(prototype, cloud.points, corners, 0, PRESSING_BUDGET, candidates)
-    label_candidates(prototype, cloud.points, free, candidates, found)
-
-
-@labelling_jit
 def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
     """Mark the points of a hand's markers, (M,), as free or not, among all points, (n,)."""
     for row in rows:
@@ -217,13 +195,34 @@ def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory)
 
 
 @labelling_jit
+def _lacking_for(track: HandTrack, i: int) -> float:
+    """Return for how long [s] a marker has had no label; 0 for one that had it for long before."""
+    if track.finding.rows[i] >= 0 or track.seen_for[i] >= LASTING_TIMES[0]:
+        return 0.
+    return min(track.hidden_for[i], track.age[0] - track.seen_for[i])
+
+
+@labelling_jit
+def _lacks_palm_marker(prototype: Prototype, track: HandTrack) -> bool:
+    """Return whether a marker of the palm lacks its label, and hardly had one before."""
+    lacks = False
+    for i in range(len(prototype.rigid)):
+        lacks = lacks or (prototype.rigid[i] > 0. and _lacking_for(track, i) > 0.)
+    return lacks
+
+
+@labelling_jit
 def _novelty(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
-    """Return how new, 1 to 0, what a rival adds is: its points, and the occlusions that it ends."""
+    """Return how new, 1 to 0, the points and markers are that a rival labels besides.
+
+    Markers that had their labels for long are new: their return is judged by motion, see `returns`.
+    Of others a stray point may have had the label from the first frame.
+    """
     newest, rows = LASTING_TIMES[1], track.finding.rows
     for i in range(len(rows)):
         row = rival.rows[i]
         if row >= 0 and rows[i] < 0:
-            newest = min(newest, track.hidden_for[i])
+            newest = min(newest, _lacking_for(track, i))
         if row >= 0 and not _has_point(rows, row):
             newest = min(newest, history.age[cloud.slots[row]])
     return min((LASTING_TIMES[1] - newest) / (LASTING_TIMES[1] - LASTING_TIMES[0]), 1.)
@@ -302,7 +301,8 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
                                                       LONGEST_TRUST)
         return
     shaken = track.shaken_for[0] > 0.
-    contradicted = elapsed * lead / CONTRADICTING_LEAD if lead > CONTRADICTING_LEAD else 0.
+    haste = min(lead / CONTRADICTING_LEAD, GREATEST_HASTE)
+    contradicted = elapsed * haste if haste > 1. else 0.
     trust = min(_trust(track, rival, contradicted) / TRUST_TIME, 1.)
     margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
     track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
@@ -315,7 +315,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
     track.doubt[0], track.shaken_for[0] = 0., min(track.shaken_for[0], 0.)
     for i in range(count):
         if changed[i]:
-            track.trusted_for[i] = 0.
+            track.seen_for[i] = track.trusted_for[i] = 0.
             track.trusted_for[:, i] = 0.
 
 
