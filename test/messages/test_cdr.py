@@ -28,7 +28,7 @@ from hand_tracker.messages.cdr import (
     MarkerReader,
 )
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.messages.marker_array import markers_from_message, placed
 from hand_tracker.messages.marker_array_parser import parse_marker_array
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.messages.templates import joint_state_template, transforms_template
@@ -357,3 +357,9 @@ def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
     assert sent.header.stamp == STAMP
     assert np.allclose(sent.position, HandTracker().update(hand).angles, rtol=0, atol=1e-6)
     assert len([text for text in warnings if 'codec' in text]) == (not agrees)
+
+
+@pytest.mark.parametrize('length', (1e-160, 2., 1e160))
+def test_an_orientation_of_any_length_turns_the_points_of_a_list(length):
+    turned = placed(np.array([[1., 2., 3.]]), (0., 0., 1.), (0., 0., length, 0.), True)
+    assert np.allclose(turned, [[-1., -2., 4.]])

@@ -1,7 +1,8 @@
 """Rival labellings of a followed hand: competing hypotheses, taken once better for long enough.
 
-Now and then the hand is labelled anew at its place, and searched elsewhere. Labels that have long
-been the best take more evidence to replace than new ones, or those after a cut.
+Now and then the hand is labelled anew at its place, and searched elsewhere; a palm that lacks a
+marker from the start is completed by free points. Labels that have long been the best take more
+evidence to replace than new ones, or those after a cut.
 """
 
 import math
@@ -45,7 +46,7 @@ RIVAL_MARGIN = 6.
 TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
-CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust; ours
+CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust, in proportion
 LONGEST_TRUST = 2.          # [s] upper bound of trust; ours
 TRUST_TIME = 1.             # [s] without a better rival for full trust; ours
 PRESSING_FRAMES = 2         # between two relabellings while the labels are in doubt
@@ -56,10 +57,10 @@ UNLIKELY = 1.5              # posture distance over the typical that puts labels
 NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
 RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
 KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
-# Ages of a point and of the lack of a label between which NEWLY_SEEN_COST and RETURN_MARGIN fade, for
-# markers that had no label for as long as the shorter one [s]; ours.
+# Ages of a point, and of a marker's lack of a label, between which NEWLY_SEEN_COST and RETURN_MARGIN
+# fade, for markers that had their labels for less than the shorter one [s]; ours.
 LASTING_TIMES = .6, 1.4
-GREATEST_HASTE = 3.         # by which trust falls the faster, the farther a rival leads; ours
+GREATEST_HASTE = 3.         # of that, over the time that passes; ours
 
 
 @labelling_jit
@@ -181,7 +182,8 @@ def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
 def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
     """Return the cost lead of a rival labelling over the present one of a followed hand.
 
-    A rival pays for each marker it labels besides, and for clutter, less and less as these age.
+    A rival pays for each marker it labels besides, less as `_novelty` falls, and for clutter, less
+    and less as that ages.
     """
     present = track.finding
     more = max(count_seen(rival.rows) - count_seen(present.rows), 0)
