@@ -46,7 +46,8 @@ RIVAL_MARGIN = 6.
 TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
-CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust, in proportion
+CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust, in proportion,
+GREATEST_HASTE = 3.         # and as many times the time that passes at most; ours
 LONGEST_TRUST = 2.          # [s] upper bound of trust; ours
 TRUST_TIME = 1.             # [s] without a better rival for full trust; ours
 PRESSING_FRAMES = 2         # between two relabellings while the labels are in doubt
@@ -56,11 +57,10 @@ SHAKEN_MARGIN = 3.          # cost lead that such a rival needs [variances]; our
 UNLIKELY = 1.5              # posture distance over the typical that puts labels in doubt; ours
 NEWLY_SEEN_COST = 12.       # of each marker that a rival labels besides
 RETURN_MARGIN = 18.         # cost lead of a rival that only labels more markers; ours
-KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
-# Ages of a point, and of a marker's lack of a label, between which NEWLY_SEEN_COST and RETURN_MARGIN
-# fade, for markers that had their labels for less than the shorter one [s]; ours.
+# Both fade, see `_novelty`, between these ages of a point and of a marker's lack of a label [s], if
+# the marker had one for less than the first before; ours.
 LASTING_TIMES = .6, 1.4
-GREATEST_HASTE = 3.         # of that, over the time that passes; ours
+KNOWN_TIME = .4             # [s] in which a rival's extra cost for clutter fades; ours
 
 
 @labelling_jit
