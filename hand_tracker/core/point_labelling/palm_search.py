@@ -132,10 +132,7 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     """
     count, markers = len(points), len(prototype.template)
     tried, most = 0, palms_within(budget, prototype, points)
-    corners, rest = local_floats((3, 3)), local_floats((3, 3))
-    rotation, position = local_floats((3, 3)), local_floats(3)
-    local = np.empty((count, 3))
-    weights = np.ones(3)
+    rest, local = local_floats((3, 3)), np.empty((count, 3))
     place = np.empty((markers, 3))
     for i in range(markers):
         for k in range(3):
@@ -177,19 +174,42 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
                             abs(gap[c, a] / grown - side[2]) > third) or (
                             abs(gap[b, c] / grown - side[1]) > second):
                         continue
-                    for k in range(3):
-                        corners[0, k], corners[1, k] = points[a, k], points[b, k]
-                        corners[2, k] = points[c, k]
-                    size = fit_rigid(rest, corners, weights, rotation, position)
-                    if not prototype.sizes[0] <= size <= prototype.sizes[1]:
-                        continue
-                    tried += 1
-                    _scaled_origin(rest, corners, size, rotation, position)
-                    to_palm_frame(points, rotation, position, size, local)
-                    cost = quick_cost(prototype, local, free,
-                                      candidates.cost[len(candidates.cost) - 1])
-                    insert_candidate(candidates, cost, base, a, b, c)
+                    if _try_palm(
+                            prototype, points, free, rest, base, a, b, c, local, candidates):
+                        tried += 1
     return count
+
+
+@labelling_jit
+def _try_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray, rest: np.ndarray,
+              base: int, a: int, b: int, c: int, local: np.ndarray,
+              candidates: Candidates) -> bool:
+    """Place a palm by three points and insert it as a candidate; return whether its size is one.
+
+    Parameters
+    ----------
+    prototype, points, free, candidates
+        As for `search_palms`.
+    rest : ndarray, shape (3, 3)
+        The triangle's markers in the palm's frame [m].
+    base, a, b, c : int
+        The triangle, and its points.
+    local : ndarray, shape (n, 3)
+        Replaced.
+    """
+    corners, weights = local_floats((3, 3)), local_floats(3)
+    rotation, position = local_floats((3, 3)), local_floats(3)
+    for k in range(3):
+        corners[0, k], corners[1, k], corners[2, k] = points[a, k], points[b, k], points[c, k]
+        weights[k] = 1.
+    size = fit_rigid(rest, corners, weights, rotation, position)
+    if not prototype.sizes[0] <= size <= prototype.sizes[1]:
+        return False
+    _scaled_origin(rest, corners, size, rotation, position)
+    to_palm_frame(points, rotation, position, size, local)
+    cost = quick_cost(prototype, local, free, candidates.cost[len(candidates.cost) - 1])
+    insert_candidate(candidates, cost, base, a, b, c)
+    return True
 
 
 @labelling_jit
@@ -213,35 +233,26 @@ def complete_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, r
     """
     if count_seen_palm(prototype, rows) != 2:
         return
-    corners, rest, third = local_floats((3, 3)), local_floats((3, 3)), np.empty(3, np.int64)
-    rotation, position, weights = local_floats((3, 3)), local_floats(3), np.ones(3)
+    rest, corners = local_floats((3, 3)), np.empty(3, np.int64)
     local, usable = np.empty((len(points), 3)), free.copy()
     for row in rows:
         if row >= 0:
             usable[row] = True
-    for number in range(len(prototype.bases)):
-        base = prototype.bases[number]
+    for base in range(len(prototype.bases)):
         lacking = -1
         for i in range(3):
-            third[i] = rows[base[i]]
-            lacking = i if third[i] < 0 else lacking
-        if (third >= 0).sum() != 2:
+            marker = prototype.bases[base, i]
+            corners[i] = rows[marker]
+            lacking = i if corners[i] < 0 else lacking
+            for k in range(3):
+                rest[i, k] = prototype.template[marker, k]
+        if (corners >= 0).sum() != 2:
             continue
         for j in range(len(points)):
-            if not free[j]:
-                continue
-            third[lacking] = j
-            for i in range(3):
-                for k in range(3):
-                    rest[i, k] = prototype.template[base[i], k]
-                    corners[i, k] = points[third[i], k]
-            size = fit_rigid(rest, corners, weights, rotation, position)
-            if prototype.sizes[0] <= size <= prototype.sizes[1]:
-                _scaled_origin(rest, corners, size, rotation, position)
-                to_palm_frame(points, rotation, position, size, local)
-                insert_candidate(candidates, quick_cost(
-                    prototype, local, usable, candidates.cost[len(candidates.cost) - 1]),
-                    number, third[0], third[1], third[2])
+            if free[j]:
+                corners[lacking] = j
+                _try_palm(prototype, points, usable, rest, base, corners[0], corners[1], corners[2],
+                          local, candidates)
 
 
 @labelling_jit

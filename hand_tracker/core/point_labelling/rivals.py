@@ -145,12 +145,14 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
     if thorough or track.since_search[0] >= SEARCH_FRAMES:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
-    lead, other = _lead(track, rival, cloud, history), _lead(track, exchanged, cloud, history)
+    novelty = _novelty(track, rival, cloud, history)
+    lead = _lead(rival, finding, novelty, cloud, history)
+    other = _lead(exchanged, finding, 0., cloud, history)  # labels no more markers
     if not few and other > lead:
         copy_finding(exchanged, rival)
         lead = other
-    margin = RETURN_MARGIN * _novelty(track, rival, cloud, history)
-    _weigh_rival(prototype, track, cloud, rival, lead, margin, seen, pressing, elapsed)
+    _weigh_rival(prototype, track, cloud, rival, lead, RETURN_MARGIN * novelty, seen, pressing,
+                 elapsed)
     return False
 
 
@@ -179,16 +181,15 @@ def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
 
 
 @labelling_jit
-def _lead(track: HandTrack, rival: Finding, cloud: Cloud, history: PointHistory) -> float:
+def _lead(rival: Finding, present: Finding, novelty: float, cloud: Cloud,
+          history: PointHistory) -> float:
     """Return the cost lead of a rival labelling over the present one of a followed hand.
 
-    A rival pays for each marker it labels besides, less as `_novelty` falls, and for clutter, less
-    and less as that ages.
+    A rival pays for each marker it labels besides, by its `_novelty`, and for clutter, less and
+    less as that ages.
     """
-    present = track.finding
     more = max(count_seen(rival.rows) - count_seen(present.rows), 0)
-    lead = (present.cost[0] - rival.cost[0]
-            - NEWLY_SEEN_COST * _novelty(track, rival, cloud, history) * more)
+    lead = present.cost[0] - rival.cost[0] - NEWLY_SEEN_COST * novelty * more
     for row in rival.rows:
         if row >= 0 and not _has_point(present.rows, row):
             lead -= max(cloud.cost[row], 0.) * max(
