@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from typing import IO
 
 from ..background import start_low_priority
@@ -27,7 +27,8 @@ class Compilation:
     """Kernels that are compiled and loaded beside the tracking.
 
     The child process runs at low priority and goes on to its end even when this process
-    ends before it, so that the next start finds the kernels on disk.
+    ends before it, so that the next start finds the kernels on disk. This process ends when
+    the set that it is loading is loaded: LLVM aborts where Python ends a thread in it.
 
     Parameters
     ----------
@@ -53,6 +54,8 @@ class Compilation:
         self.error: str | None = None
         self.unkept: str | None = None
         self._loaders, self._program = loaders, program
+        self._loading = Lock()
+        atexit.register(self._loading.acquire)
         Thread(target=self._run, name='load kernels', daemon=True).start()
 
     def _run(self) -> None:
@@ -60,8 +63,7 @@ class Compilation:
             if jit.CACHE_FOLDER is not None and all(map(jit.is_ready, self._loaders)):
                 # Compiled since this process started.
                 for kernel_set, load in self._loaders.items():
-                    load(jit.CACHE_FOLDER.resolve())
-                    self.loaded.append(kernel_set)
+                    self._load(kernel_set, load, jit.CACHE_FOLDER.resolve())
                 return
             folder = self._folder_with_room().resolve()
             with tempfile.TemporaryFile('w+') as complaints:
@@ -75,13 +77,18 @@ class Compilation:
                         self.error = next((line for line in reversed(lines) if line.strip()),
                                           f'the compiling process ended with {child.returncode}')
                         return
-                    load(folder)
-                    self.loaded.append(kernel_set)
+                    self._load(kernel_set, load, folder)
         # Tracking goes on in plain Python, whatever the reason.
         except jit.KernelsUnavailable as error:
             self.error = str(error)
         except Exception as error:
             self.error = f'{type(error).__name__}: {error}'
+
+    def _load(self, kernel_set: str, load: Callable[[Path], None], folder: Path) -> None:
+        """Load a set of kernels, but never once this process ends."""
+        with self._loading:
+            load(folder)
+        self.loaded.append(kernel_set)
 
     def _folder_with_room(self) -> Path:
         """Return the user's cache folder, or a temporary one where that can take no kernels."""

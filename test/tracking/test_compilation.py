@@ -201,6 +201,35 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
     assert 'track_frame is not on disk' in compilation.error and not compilation.loaded
 
 
+# Ends while a set is being loaded, with another to come.
+END_WHILE_LOADING = """
+import time
+from threading import Event
+from hand_tracker.tracking.compilation import Compilation
+
+begun = Event()
+
+def load(folder):
+    print('begun', flush=True)
+    begun.set()
+    time.sleep(.5)
+    print('ended', flush=True)
+
+compilation = Compilation({'one': load, 'two': load}, 'mark')
+begun.wait()
+"""
+
+
+@needs_numba
+def test_a_process_that_ends_loads_its_set_to_the_end_and_no_other(tmp_path, monkeypatch):
+    (tmp_path / 'mark.py').write_text(
+        'from hand_tracker.core.numerics import jit\n'
+        "for name in ('one', 'two'):\n    jit.mark_ready(name)\n")
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    done = run(END_WHILE_LOADING, tmp_path / 'cache')
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ['begun', 'ended'], '')
+
+
 WAIT_FOR_ONE = """
 import resource, sys, time
 from hand_tracker.tracking.compilation import Compilation
