@@ -54,8 +54,8 @@ class Compilation:
         self.error: str | None = None
         self.unkept: str | None = None
         self._loaders, self._program = loaders, program
-        self._loading = Lock()
-        atexit.register(self._loading.acquire)
+        self._loading, self._ending = Lock(), False
+        atexit.register(self._end)
         Thread(target=self._run, name='load kernels', daemon=True).start()
 
     def _run(self) -> None:
@@ -87,8 +87,15 @@ class Compilation:
     def _load(self, kernel_set: str, load: Callable[[Path], None], folder: Path) -> None:
         """Load a set of kernels, but never once this process ends."""
         with self._loading:
+            if self._ending:
+                return
             load(folder)
         self.loaded.append(kernel_set)
+
+    def _end(self) -> None:
+        """Wait for the set that is being loaded, and let no other begin."""
+        self._ending = True  # before the lock, which its last owner may take once more
+        self._loading.acquire()
 
     def _folder_with_room(self) -> Path:
         """Return the user's cache folder, or a temporary one where that can take no kernels."""
