@@ -389,6 +389,7 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
             times.append(rows.numbers[:, time_column].copy())
     frames = buffer.frames
     counted = np.concatenate(numbers) if numbers else np.full(1, np.nan)
+    counted[np.isinf(counted)] = np.nan  # a damaged cell counts nothing
     first, last = counted[0], counted[-1]
     note = ''
     left_out = last - first + 1. - frames if frames else 0.
