@@ -3,7 +3,8 @@
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
-any size), or from the hand model alone (`model`); judged is the rest.
+any size), from the hand model fitted to the first fifth, as a hand file has it (`fitted`), or from
+that of mean size alone (`model`); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -17,16 +18,12 @@ import numpy as np
 from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
-from ..core.model.hand import LEFT_HAND_MIRROR, Hand
+from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller
-from ..core.point_labelling.natural_poses import (
-    ANYBODY_DEVIATIONS,
-    ANYBODY_SHAPE,
-    ANYBODY_SIZES,
-    model_prototype,
-)
+from ..core.point_labelling.natural_poses import ANYBODY, FITTED, model_prototype
 from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
+from .capture_fit import fit_to_capture
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
 from .rows import Row
@@ -62,6 +59,8 @@ class NamedMarkers(NamedTuple):
         [Hz]
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
+    fitted : Hand or None
+        To the first part, of markers as the paper's; None where the joints are not known.
     """
 
     name: str
@@ -71,6 +70,7 @@ class NamedMarkers(NamedTuple):
     side: str
     rate: float
     sequence: np.ndarray
+    fitted: Hand | None = None
 
     @property
     def split(self) -> int:
@@ -97,7 +97,7 @@ class LabellingTrial(NamedTuple):
     recordings : tuple of NamedMarkers
         Of as many frames.
     prototypes : tuple of HandPrototype
-    learned : {'own', 'others', 'model'}
+    learned : {'own', 'fitted', 'others', 'model'}
     clouds : tuple of (int, float)
         Ghosts and share of hidden markers.
     """
@@ -132,7 +132,8 @@ def evaluate(options: Options) -> Iterator[Row]:
 def _of_capture(capture: Capture) -> NamedMarkers:
     """Return the paper's eight markers of a capture."""
     return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
-                        capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int))
+                        capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int),
+                        fit_to_capture(capture, WEARER_LIMITS))
 
 
 def _of_take(take: MarkerTake) -> NamedMarkers:
@@ -161,6 +162,9 @@ def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
             yield LabellingTrial((recording,), (model_prototype(
                 Hand.scaled(side=recording.side), MarkerLayout(), MARKERS),), 'model',
                 STRANGER_CLOUDS)
+        if recording.fitted is not None:
+            yield LabellingTrial((recording,), (model_prototype(
+                recording.fitted, MarkerLayout(), MARKERS, FITTED),), 'fitted', CLOUDS)
     for right in recordings:
         for left in recordings:
             if (right.side, left.side) == ('right', 'left') and person(right) == person(left):
@@ -191,8 +195,7 @@ def prototype_of_others(others: Sequence[NamedMarkers], side: str) -> HandProtot
               for one in others]
     # Interleaved, as `learn_prototype` takes every so many.
     points = np.stack(frames, axis=1).reshape(-1, *frames[0].shape[1:])
-    return learn_prototype(others[0].markers, points, others[0].digits, side,
-                           ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
+    return learn_prototype(others[0].markers, points, others[0].digits, side, *ANYBODY)
 
 
 def together(right: NamedMarkers, left: NamedMarkers) -> tuple[NamedMarkers, ...]:

@@ -107,7 +107,7 @@ class TrackedHand:
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
         self.labels_points = start['labels'] == WITHOUT_LABELS
-        self._point_labels = point_labels
+        self._point_labels = point_labels or PointLabels()
         kind = MARKER_MESSAGES[start['marker_message']]
         # Points of both hands are labelled together.
         self._kind = kind if self.labels_points else kind_of_hand(kind, self.hand.side)

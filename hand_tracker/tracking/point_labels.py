@@ -12,7 +12,7 @@ from ..core.model.hand import OTHER_SIDE, Hand
 from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, LAYOUT_PRESETS, preset_layout
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
-from ..core.point_labelling.natural_poses import model_prototype
+from ..core.point_labelling.natural_poses import ANYBODY, model_prototype, tolerances_of
 from ..core.point_labelling.prototypes import HandPrototype
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointFrame, PointReader
@@ -20,13 +20,6 @@ from ..messages.stamps import seconds
 from .setting_names import PARAMETER_NAMES, SettingNames
 
 SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
-
-
-def is_measured(hand: Hand) -> bool:
-    """Return whether a hand is of a person: of another size than the mean hand."""
-    mean = Hand.scaled(side=hand.side)
-    return not all(map(np.array_equal, (hand.finger_bones, hand.finger_mcp),
-                       (mean.finger_bones, mean.finger_mcp)))
 
 
 def usual_shape_warning(hand: Hand, layout: MarkerLayout) -> str | None:
@@ -37,7 +30,7 @@ def usual_shape_warning(hand: Hand, layout: MarkerLayout) -> str | None:
     hand : Hand
     layout : MarkerLayout
     """
-    if len(layout.names) <= len(MARKERS) or is_measured(hand):
+    if len(layout.names) <= len(MARKERS) or tolerances_of(hand) is not ANYBODY:
         return None
     return (f'{len(layout.names)} markers without labels are told apart by the shape of a usual '
             'hand, so that many labels are wrong until a hand file of yours is given '
@@ -54,7 +47,7 @@ def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:
 @lru_cache(maxsize=8)
 def _prototype(hand: Hand, layout: MarkerLayout) -> HandPrototype:
     """Return the prototype of a hand, kept as it takes tenths of a second."""
-    return model_prototype(hand, layout, tuple(layout.names), is_measured(hand))
+    return model_prototype(hand, layout, tuple(layout.names), tolerances_of(hand))
 
 
 class PointLabels:
@@ -72,7 +65,7 @@ class PointLabels:
         self._read: set[str] = set()   # sides that have read this message
 
     def set_hand(self, hand: Hand, layout: MarkerLayout, points: PointReader) -> None:
-        """Label points also for a hand; it replaces the one of its side.
+        """Label points also for a hand; it replaces the one of its side, which keeps its labels.
 
         Parameters
         ----------
@@ -81,8 +74,17 @@ class PointLabels:
         points : PointReader
             Of all hands.
         """
-        self._prototypes[hand.side] = _prototype(hand, layout)
-        self._points, self._labeller = points, None
+        self._points = points
+        former, new = self._prototypes.get(hand.side), _prototype(hand, layout)
+        self._prototypes[hand.side] = new
+        if former is None or former.names != new.names:
+            self._labeller = None
+        elif self._labeller is not None and former is not new:
+            self._labeller.replace_prototype(self._number(hand.side), new)
+
+    def _number(self, side: str) -> int:
+        """Return the place of a hand among those of the labeller."""
+        return list(self._prototypes).index(side)
 
     def read(self, message: Any, side: str) -> tuple[PointFrame, np.ndarray, bool, bool]:
         """Return the points of a message, and those of a hand.
@@ -113,7 +115,7 @@ class PointLabels:
         frame, labels = self._labelled
         if labels is None:
             return frame, np.full((len(self._prototypes[side].names), 3), np.nan), False, False
-        number = list(self._prototypes).index(side)
+        number = self._number(side)
         return frame, labels.places[number], labels.found[number], labels.other_side[number]
 
 

@@ -7,7 +7,13 @@ from helpers.hands import hand_at
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabels
-from hand_tracker.core.point_labelling.natural_poses import ANYBODY_SIZES, MEASURED_SIZES
+from hand_tracker.core.point_labelling.natural_poses import (
+    ANYBODY,
+    FITTED,
+    SIZED,
+    tolerances_of,
+)
+from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame, PointReader
 from hand_tracker.messages.stamps import Stamp
@@ -74,12 +80,39 @@ def test_many_markers_by_the_shape_of_a_usual_hand_are_warned_of():
 
 
 @pytest.mark.parametrize('size, sizes', [
-    ({}, ANYBODY_SIZES), ({'length': .2, 'breadth': .095}, MEASURED_SIZES)],
+    ({}, ANYBODY.sizes), ({'length': .2, 'breadth': .095}, SIZED.sizes)],
     ids=['mean hand', 'measured hand'])
 def test_a_measured_hand_is_looked_for_in_its_own_size(size, sizes):
     labels = PointLabels()
     labels.set_hand(Hand.scaled(**size), preset_layout('paper8'), PointReader())
     assert tuple(labels._prototypes['right'].statistics.sizes) == sizes
+
+
+def test_how_well_a_hand_is_known_shows_in_its_bones(tmp_path):
+    save_hand(tmp_path / 'ruler.yaml', Hand.scaled(.2, .095, side='left'), preset_layout('paper8'))
+    ruler, _ = load_hand(tmp_path / 'ruler.yaml')
+    assert tolerances_of(Hand.scaled(side='left')) is ANYBODY
+    assert tolerances_of(ruler) is SIZED
+    bones = ruler.finger_bones.copy()
+    bones[1, :2] += .001, -.001
+    assert tolerances_of(ruler.replace(finger_bones=bones)) is FITTED
+
+
+def test_a_hand_that_is_replaced_keeps_its_labels():
+    class Points:
+        def read(self, message):
+            count = 8 if message < 20 else 4  # too few to be found, but not to be followed
+            return PointFrame(Stamp(1, 10**7 * message), 'mocap', markers[:count],
+                              np.full(count, -1), ())
+
+    markers, layout = hand_at(), preset_layout('paper8')
+    labels = PointLabels()
+    PointLabelReader(Hand.scaled(), layout, Points(), labels)
+    for message in range(40):
+        if message == 30:
+            PointLabelReader(Hand.scaled(.19, .088), layout, Points(), labels)
+        places = labels.read(message, 'right')[1]
+        assert np.array_equal(places[:4], markers[:4]), message
 
 
 @pytest.mark.parametrize('layout, count, said', [

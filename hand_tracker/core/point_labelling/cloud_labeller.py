@@ -18,7 +18,7 @@ from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import for_types_of, load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
 from .clutter import Cloud, continue_clutter, new_cloud, no_clutter, no_points, with_slots
-from .following import follow_cloud
+from .following import follow_cloud, renew_places
 from .hand_track import CLUTTER_RANGE, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
 from .pair_search import label_pairs, search_pairs
@@ -119,6 +119,14 @@ class _Hand:
         self.by_pairs = False   # search by pairs of palm markers, not triangles
         self.lose()
 
+    def replace_prototype(self, prototype: HandPrototype, points: np.ndarray) -> None:
+        """Go on with another prototype of the same markers, from the points of the last frame."""
+        self.prototype, self.statistics = prototype, prototype.statistics
+        self.mirrored = prototype.mirrored().statistics
+        self.side.judge_by(self.statistics, self.mirrored)
+        if self.track is not None:
+            kernel(renew_places)(self.statistics, points, self.track)
+
     def lose(self) -> None:
         """Drop the track; the hand is searched from the next frame on."""
         self.track: HandTrack | None = None
@@ -206,6 +214,27 @@ class CloudLabeller:
     def prototypes(self) -> tuple[HandPrototype, ...]:
         """The hands' prototypes."""
         return tuple(hand.prototype for hand in self._hands)
+
+    def replace_prototype(self, index: int, prototype: HandPrototype) -> None:
+        """Replace a hand's prototype, as by one of its size; a followed hand keeps its labels.
+
+        Parameters
+        ----------
+        index : int
+            Of the hand.
+        prototype : HandPrototype
+            Of the same markers.
+
+        Raises
+        ------
+        ValueError
+            If the markers or the side are others.
+        """
+        hand = self._hands[index]
+        if (prototype.names, prototype.side) != (hand.prototype.names, hand.prototype.side):
+            raise ValueError(f'prototype: of {prototype.side} markers {prototype.names}; expected '
+                             f'{hand.prototype.side} {hand.prototype.names}')
+        hand.replace_prototype(prototype, self._last.points)
 
     def reset(self) -> None:
         """Drop all tracks, and the evidence on the hands' sides."""
@@ -536,6 +565,7 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
     last = no_points()
     return (
         (start_places, ((prototype, points, track),)),
+        (renew_places, ((prototype, points, track),)),
         (continue_clutter, ((clutter, last, UNTIMED_STEP, cloud, UNTIMED_STEP),)),
         (follow_cloud, tuple(((prototype,) * hands, (track,) * hands, clutter, last, cloud,
                               np.zeros(hands, dtype=np.int64), (UNTIMED_STEP,) * 2, 1.,

@@ -29,6 +29,7 @@ from .palm_search import (
     blank_finding,
     copy_finding,
     count_seen_palm,
+    place_by_palm,
     to_palm_frame,
     write_cost,
 )
@@ -64,6 +65,7 @@ WEAK_SPEED_GAIN = .25       # the same while a marker of the palm is hidden
 DRIFT_GAIN = .4             # [1] filter gain of a marker's velocity in the palm's frame
 DRIFT_TIME = .04            # [s] time constant with which a hidden marker's velocity fades
 RELAXATION_TIME = 1.        # [s] in which hidden markers relax to their conditional mean
+PALM_GAP_TIME = 1.          # [s] in which the distances of palm markers follow what is seen; ours
 WEAK, WEAKER = .1, .05    # fit weights of digit and hidden palm markers under occlusion
 
 
@@ -154,6 +156,30 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
 
 
 @labelling_jit
+def renew_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> None:
+    """Follow a hand on by another prototype: its palm is placed anew, the markers stay.
+
+    Parameters
+    ----------
+    prototype : Prototype
+        Of the same markers.
+    points : ndarray, shape (n, 3)
+        Of the last frame [m].
+    track : HandTrack
+        Updated.
+    """
+    finding = track.finding
+    place_again(track)
+    if not place_by_palm(prototype, points, finding.rows, finding):
+        place_by_all(prototype, points, finding)
+    to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0], track.local)
+    finding.distance[0] = math.inf      # by the other prototype
+    track.expected[:] = track.palm_offset[:] = np.nan
+    track.returns.age[:] = math.inf
+    track.doubt[0] = 0.
+
+
+@labelling_jit
 def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bool:
     """Return whether the set of seen palm markers has changed since the last frame."""
     changed = False
@@ -229,6 +255,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
         if given_up[i] and track.returns.age[i] < math.inf:
             give_up(track, i, seen, rows[i])
     _exchange_by_links(prototype, track, seen, matrix, gradient, distance, count - hidden)
+    _measure_palm(prototype, track, step)
     # A rare pose still counts as a hand's while it costs less than clutter.
     astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
               and finding.cost[0] > 0.
@@ -299,6 +326,24 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
         drift = track.drift[first, k]
         track.drift[first, k] = track.drift[second, k]
         track.drift[second, k] = drift
+
+
+@labelling_jit
+def _measure_palm(prototype: Prototype, track: HandTrack, step: float) -> None:
+    """Filter the distances of seen palm markers over a time step [s]: no template fits exactly."""
+    gain = min(step / PALM_GAP_TIME, 1.)
+    for i in range(len(prototype.rigid)):
+        if prototype.rigid[i] <= 0. or track.finding.rows[i] < 0:
+            continue
+        for j in range(i):
+            if prototype.rigid[j] <= 0. or track.finding.rows[j] < 0:
+                continue
+            off = 0.
+            for k in range(3):
+                off += (track.local[i, k] - track.local[j, k]) ** 2
+            gap = track.palm_gaps[i, j] + gain * (
+                track.finding.size[0] * math.sqrt(off) - track.palm_gaps[i, j])
+            track.palm_gaps[i, j] = track.palm_gaps[j, i] = gap
 
 
 @labelling_jit

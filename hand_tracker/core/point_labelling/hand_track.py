@@ -103,6 +103,8 @@ class HandTrack(NamedTuple):
     palm_offset : ndarray, shape (M, 3)
         Offset of each hidden palm marker from where the joint distribution places it, in the palm's
         frame; NaN where unknown [m].
+    palm_gaps : ndarray, shape (M, M)
+        Distance of each two palm markers: the template's, filtered towards what is seen [m].
     doubt : ndarray, shape (1,)
         Accumulated cost lead of rival labellings [variances].
     astray_for : ndarray, shape (1,)
@@ -141,6 +143,7 @@ class HandTrack(NamedTuple):
     returns: Returns
     exchanged: np.ndarray
     palm_offset: np.ndarray
+    palm_gaps: np.ndarray
     doubt: np.ndarray
     astray_for: np.ndarray
     age: np.ndarray
@@ -165,12 +168,25 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
-        np.zeros((count, count)), np.full((count, 3), np.nan), np.zeros(1), np.zeros(1),
-        np.zeros(1), np.full(1, BIRTHS[1]), np.zeros(1), np.zeros(1), np.zeros(1),
+        np.zeros((count, count)), np.full((count, 3), np.nan),
+        np.zeros((count, count)), np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, BIRTHS[1]),
+        np.zeros(1), np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
         np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
+    for i in range(count):
+        loaded_or_plain(reset_palm_gaps)(prototype, track, i)
     loaded_or_plain(start_places)(prototype, points, track)
     return track
+
+
+@labelling_jit
+def reset_palm_gaps(prototype: Prototype, track: HandTrack, i: int) -> None:
+    """Set a marker's distances from the palm's others to those of the template."""
+    for j in range(len(prototype.rigid)):
+        off = 0.
+        for k in range(3):
+            off += (prototype.template[i, k] - prototype.template[j, k]) ** 2
+        track.palm_gaps[i, j] = track.palm_gaps[j, i] = track.finding.size[0] * math.sqrt(off)
 
 
 @labelling_jit

@@ -1,5 +1,7 @@
 """Model prototype of an unrecorded hand: its markers in natural poses of the hand model."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS, LINKS, Hand, preset_limits
@@ -13,12 +15,42 @@ THUMB_CURL = .5             # largest flexion of the thumb before scatter, of it
 CURL_SCATTER = .12          # scatter of the first flexion, of its range; twice for the second; ours
 ABDUCTION_SCATTER = (10.,) * 4 + (27.5,)  # [degrees] standard deviation of each digit's; ours
 LARGEST_SCATTER = 2.        # [1] standard deviations at which abduction is clipped
-ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
-ANYBODY_SIZES = .7, 1.45    # of palms, relative to the model's; ours
-ANYBODY_SHAPE = .15         # relative tolerance of the lengths of the palm's sides; ours
-# The same for a measured hand: markers are put on anew for each take, and rulers err.
-MEASURED_SIZES = .9, 1.1
-MEASURED_SHAPE = .08
+
+
+class HandTolerances(NamedTuple):
+    """How far markers of a hand may be off those of its model; parameters of `learn_prototype`.
+
+    Attributes
+    ----------
+    deviations : (float, float, float)
+        Of a palm marker, of a digit, and of each of its markers [m].
+    sizes : (float, float)
+        Least and greatest size of a palm, relative to the model's.
+    shape : float
+        Relative tolerance of the lengths of the palm's sides.
+    """
+
+    deviations: tuple[float, float, float]
+    sizes: tuple[float, float]
+    shape: float
+
+
+# Ours. Markers are put on anew for each take, and rulers err.
+ANYBODY = HandTolerances((.006, .012, .006), (.7, 1.45), .15)
+SIZED = HandTolerances((.006, .012, .006), (.9, 1.1), .08)
+FITTED = HandTolerances((.004, .008, .004), (.9, 1.1), .08)
+PROPORTION_ROUNDING = .002  # [1] of a bone's share of its finger, as hand files are rounded
+
+
+def tolerances_of(hand: Hand) -> HandTolerances:
+    """Return how well a hand is known: a ruler scales the mean hand's fingers, a fit each bone."""
+    mean = Hand.scaled(side=hand.side)
+    if (np.array_equal(hand.finger_bones, mean.finger_bones)
+            and np.array_equal(hand.finger_mcp, mean.finger_mcp)):
+        return ANYBODY
+    shares, usual = (one.finger_bones / one.finger_bones.sum(axis=1, keepdims=True)
+                     for one in (hand, mean))
+    return SIZED if np.abs(shares - usual).max() < PROPORTION_ROUNDING else FITTED
 
 
 def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
@@ -56,7 +88,7 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
 
 
 def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
-                    is_measured: bool = False) -> HandPrototype:
+                    tolerances: HandTolerances = ANYBODY) -> HandPrototype:
     """Return the prototype of a hand by its model in natural poses.
 
     Parameters
@@ -65,8 +97,8 @@ def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
     layout : MarkerLayout
     names : tuple of str
         Of the layout's markers.
-    is_measured : bool, optional
-        Whether the hand is the wearer's; else it is anybody's, of any usual size.
+    tolerances : HandTolerances, optional
+        `SIZED` for a hand of the wearer's size, `FITTED` for one fitted to the wearer's markers.
 
     Returns
     -------
@@ -80,10 +112,7 @@ def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
     right = hand.as_right()
     mounting = layout.mounting(right)
     places = marker_positions(mounting, forward(joint_table(right), natural_poses(right)))
-    sizes, shape = ((MEASURED_SIZES, MEASURED_SHAPE) if is_measured
-                    else (ANYBODY_SIZES, ANYBODY_SHAPE))
-    found = learn_prototype(names, places, marker_digits(mounting.link), 'right',
-                            ANYBODY_DEVIATIONS, sizes, shape)
+    found = learn_prototype(names, places, marker_digits(mounting.link), 'right', *tolerances)
     return found if hand.side == 'right' else found.mirrored()
 
 

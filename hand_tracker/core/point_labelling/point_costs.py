@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
 from .hand_track import HandTrack, coming_cost
 from .links import marker_links_cost
 from .palm_search import to_palm_frame
@@ -19,6 +19,7 @@ from .returns import RETURN_COST, PalmPoints, hidden_place, hidden_tail, return_
 VANISHING_COST = 12.        # of not assigning a marker that was seen a frame before
 RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
 CIRCLE_COST = 8.            # of a palm marker placed by `circle_cost`, off its prediction
+LEAST_RADIUS = .001        # [m] of the circle on which that is
 RIGID_GAIN = 30.            # most by which distances lower a palm marker's cost
 HINT_GAIN = 4.              # cost reduction of a point with the source id of the marker
 KEPT_ID_TIME = .1           # [s] of a kept id: some sources renumber each frame; ours
@@ -76,14 +77,12 @@ def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
 
 
 @labelling_jit
-def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
-              point: np.ndarray) -> float:
-    """Return a point's distance from a seen palm marker, less `marker`'s by the template [m]."""
-    rest, here = 0., 0.
+def _palm_gap(track: HandTrack, seen: int, marker: int, point: np.ndarray) -> float:
+    """Return a point's distance from a seen palm marker, less that of `marker` from it [m]."""
+    here = 0.
     for k in range(3):
-        rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
         here += (track.place[seen, k] - point[k]) ** 2
-    return math.sqrt(here) - track.finding.size[0] * math.sqrt(rest)
+    return math.sqrt(here) - track.palm_gaps[seen, marker]
 
 
 @labelling_jit
@@ -93,7 +92,7 @@ def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.nd
     for i in range(len(prototype.rigid)):
         if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:
             continue
-        gap = _palm_gap(prototype, track, i, marker, point)
+        gap = _palm_gap(track, i, marker, point)
         variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
         # Each distance constrains one of three coordinates.
         if count < 3:
@@ -117,18 +116,13 @@ def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
             count += 1
     if count != 2:
         return math.inf
-    size, total = track.finding.size[0], 0.
-    axis, arm = local_floats(3), local_floats(3)
-    length, along, across = 0., 0., 0.
-    for k in range(3):
-        axis[k] = prototype.template[second, k] - prototype.template[first, k]
-        arm[k] = prototype.template[marker, k] - prototype.template[first, k]
-        length += axis[k] * axis[k]
-        along += axis[k] * arm[k]
-        across += arm[k] * arm[k]
-    radius = size * math.sqrt(max(across - along * along / length, 0.))
+    total = 0.
+    length = track.palm_gaps[first, second] ** 2
+    arm = track.palm_gaps[first, marker] ** 2
+    along = .5 * (length + arm - track.palm_gaps[second, marker] ** 2)
+    radius = math.sqrt(max(arm - along * along / length, LEAST_RADIUS ** 2))
     for i in (first, second):
-        gap = _palm_gap(prototype, track, i, marker, point)
+        gap = _palm_gap(track, i, marker, point)
         variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
         total += math.log(variance) + gap * gap / variance
     # Twice the logarithm of the circle's length and of the plane normal distribution's peak.

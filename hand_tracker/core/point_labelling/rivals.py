@@ -18,6 +18,7 @@ from .hand_track import (
     RELABELLING_FRAMES,
     SEARCH_FRAMES,
     HandTrack,
+    reset_palm_gaps,
     start_places,
 )
 from .palm_search import (
@@ -320,6 +321,8 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
         if changed[i]:
             track.seen_for[i] = track.trusted_for[i] = 0.
             track.trusted_for[:, i] = 0.
+            if prototype.rigid[i] > 0.:
+                reset_palm_gaps(prototype, track, i)
 
 
 @labelling_jit

@@ -36,10 +36,14 @@ class SideEvidence:
     """
 
     def __init__(self, own: Prototype, mirrored: Prototype) -> None:
-        self._own, self._mirrored = own, mirrored
+        self.judge_by(own, mirrored)
         self._posture = np.full(own.template.shape, np.inf)     # the last one added
         self._unchecked_for = SIDE_PERIOD   # [s]
         self.forget()
+
+    def judge_by(self, own: Prototype, mirrored: Prototype) -> None:
+        """Judge postures by other statistics of the two sides from now on."""
+        self._own, self._mirrored = own, mirrored
 
     def forget(self) -> None:
         """Forget all postures."""

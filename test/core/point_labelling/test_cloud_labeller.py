@@ -12,6 +12,8 @@ from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.point_labelling.hand_track import start_places
 from hand_tracker.core.point_labelling.natural_poses import (
+    ANYBODY,
+    SIZED,
     marker_digits,
     model_prototype,
     natural_poses,
@@ -72,9 +74,9 @@ def test_a_measured_hand_is_told_from_ghosts_more_often_than_anybodys():
         frame[random.integers(3)] = np.nan   # a marker of the palm is hidden
         clouds.append(shuffled(frame, random, ghosts=4))
     right = []
-    for is_measured in (False, True):
+    for tolerances in (ANYBODY, SIZED):
         labeller = CloudLabeller([model_prototype(
-            Hand.scaled(), MarkerLayout(), MARKERS, is_measured)])
+            Hand.scaled(), MarkerLayout(), MARKERS, tolerances)])
         right.append(sum(np.array_equal(labeller.label_frame(points).rows[0], rows)
                          for points, rows in clouds))
     assert right[1] > right[0] + 5
@@ -233,6 +235,39 @@ def test_a_resting_point_near_a_marker_that_is_hidden_for_long_does_not_get_its_
     assert all(right[:600]) and all(right[-60:])
 
 
+def test_a_wrist_of_another_palm_than_the_usual_one_has_its_label_back_at_once():
+    hand = Hand.scaled(.17, .095)
+    before, after = natural_poses(hand, 60)[12:14]
+    share = np.clip((np.arange(300.)[:, None] - 130.) / 60., 0., 1.)
+    markers = marker_positions(MarkerLayout().mounting(hand), forward(
+        joint_table(hand), (1. - share) * before + share * after))
+    markers[120:200, MARKERS.index('wrist')] = np.nan
+    random, labeller = np.random.default_rng(12), CloudLabeller([prototype()])
+    for number, frame in enumerate(markers):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE).rows[0]
+        assert number < 100 or 120 <= number < 200 or np.array_equal(found, rows), number
+
+
+@pytest.mark.parametrize('hidden', ((), (0,), (1, 5, 6, 7)))
+def test_a_hand_keeps_its_labels_as_its_prototype_is_replaced(hidden):
+    random, labeller = np.random.default_rng(3), CloudLabeller([prototype()])
+    for number, frame in enumerate(moving(120)):
+        if number >= 60:
+            frame[list(hidden)] = np.nan  # too few to be found, but not to be followed
+        if number == 70:
+            labeller.replace_prototype(0, model_prototype(
+                Hand.scaled(.195, .09), MarkerLayout(), MARKERS, SIZED))
+        points, rows = shuffled(frame, random)
+        assert np.array_equal(labeller.update(points, number / RATE).rows[0], rows), number
+
+
+def test_a_prototype_of_other_markers_replaces_none():
+    labeller = CloudLabeller([prototype()])
+    with pytest.raises(ValueError, match='prototype: of left markers'):
+        labeller.replace_prototype(0, prototype('left'))
+
+
 def test_two_hands_in_one_cloud_keep_their_own_markers():
     random = np.random.default_rng(4)
     labeller = CloudLabeller([prototype(side) for side in SIDES])
@@ -364,7 +399,7 @@ def test_hands_that_change_places_in_a_cut_do_not_keep_each_others_markers(layou
     layout = preset_layout(layout)
     hands = [Hand.scaled(side=side) for side in SIDES]
     labeller = CloudLabeller([
-        model_prototype(hand, layout, tuple(layout.names), is_measured=True) for hand in hands])
+        model_prototype(hand, layout, tuple(layout.names), SIZED) for hand in hands])
     angles = natural_poses(hands[0], 400)[100:104]
     poses = np.array([np.interp(np.arange(240) / 80., range(4), joint) for joint in angles.T]).T
     right, left = (marker_positions(layout.mounting(hand), forward(joint_table(hand), poses))

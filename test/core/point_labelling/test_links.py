@@ -16,7 +16,7 @@ from hand_tracker.core.point_labelling.links import (
     links_cost,
     marker_links_cost,
 )
-from hand_tracker.core.point_labelling.natural_poses import model_prototype, natural_poses
+from hand_tracker.core.point_labelling.natural_poses import SIZED, model_prototype, natural_poses
 from hand_tracker.core.point_labelling.palm_search import (
     blank_finding,
     place_by_palm,
@@ -32,7 +32,7 @@ from hand_tracker.core.point_labelling.returns import PalmPoints
 
 LAYOUT = preset_layout('sig18_19')
 NAMES = tuple(LAYOUT.names)
-PROTOTYPE = model_prototype(Hand.scaled(), LAYOUT, NAMES, is_measured=True)
+PROTOTYPE = model_prototype(Hand.scaled(), LAYOUT, NAMES, SIZED)
 RING, LITTLE = NAMES.index('RingTip'), NAMES.index('PinkyTip')
 RATE = 120.
 
