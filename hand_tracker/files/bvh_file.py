@@ -106,7 +106,7 @@ def read_bvh(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     notes = [note for note in (repeated, note) if note]
     if len(shown) < len(joints):
         notes.append(f'left out: {len(joints) - len(shown)} ends of chains without a length')
-    rate = 1. / frames.period if frames.period > 0. else np.nan
+    rate = 1. / frames.period if 0. < frames.period < np.inf else np.nan
     return PointRecording(path.name, 'BVH', found, points, rate, None, Axes(), tuple(notes),
                           True), Axes(None, 'y')
 
@@ -179,7 +179,7 @@ def read_bvh_motion(path: Path, partial: bool = False) -> BvhMotion:
                 raise RecordingError(f'{path}: more than {MAX_BVH_NUMBERS} numbers; expected a '
                                      'shorter motion')
         frames.cut_note(count, partial)
-        if not count or not frames.period > 0.:
+        if not count or not 0. < frames.period < np.inf:
             raise RecordingError(f'{path}: {count} frames, {frames.period} s apart; expected a '
                                  'motion with a frame time')
     return BvhMotion(tuple(frames.joints), np.concatenate(blocks), frames.period)

@@ -355,7 +355,11 @@ def _axes(fingers: list[Digit], frames: tuple[np.ndarray, np.ndarray]) -> np.nda
         if np.linalg.norm(along) < MIN_BONE:
             along = rotations[finger.joints[-1]] @ finger.tip
         along = along - (along @ finger.flexion_axis) * finger.flexion_axis
-        along /= np.linalg.norm(along)
+        length = np.linalg.norm(along)
+        if length < 1e-6:
+            raise InvalidRobot(f"the tip of '{finger.tip_link}' is on the axis that bends its "
+                               'digit; expected a tip that the axis moves')
+        along /= length
         distal += along
         palmar += np.cross(finger.flexion_axis, along)
     return _frame(distal, -palmar)
