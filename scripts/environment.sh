@@ -41,7 +41,7 @@ ros_is_sourced() {
 }
 
 use_sourced_ros() {
-  # Without tf2_ros and rosbag2_interfaces all works but /tf and the replay's services.
+  # Without tf2_msgs and rosbag2_interfaces all works but /tf and the replay's services.
   local modules=(matplotlib numpy PIL rosbags scipy yaml)
   case $1 in
     view) modules+=(skimage trimesh viser) ;;

@@ -24,10 +24,11 @@ from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import seconds
 from ..output_files import OutputError, require_writable
 from .executors import steady_clock
-from .message_types import imported_message
 from .parameters import Parameter
-from .replies import TF_DEPTH, StaticTransformBroadcaster
+from .replies import TF_DEPTH
 from .runner import declare, log_line, names_of, run
+from .serialization import TFMessage
+from .static_transforms import StaticTransforms
 from .tracker_parameters import START, InvalidParameter, starting_hand, with_defaults
 
 if TYPE_CHECKING:
@@ -63,8 +64,8 @@ class MountNode(Node):
         if not self._body_frame or self._body_frame.startswith('/'):
             raise InvalidParameter(f"body_frame: '{self._body_frame}'; expected a frame of TF, "
                                    'without a slash before it')
-        if StaticTransformBroadcaster is None:
-            raise InvalidParameter('body_frame: tf2_ros is not installed; expected it')
+        if TFMessage is None:
+            raise InvalidParameter('body_frame: tf2_msgs is not installed; expected it')
         offset = [values[name] for name in MOUNT_NUMBERS]
         if not math.hypot(*offset[3:]) > 0.:
             raise InvalidParameter('qx, qy, qz, qw: all 0; expected a rotation')
@@ -72,7 +73,7 @@ class MountNode(Node):
         self._names = names_of(hand, values['prefix'], values['wrist_frame'], on_body=True)
         self._duration = values['duration']
         self._output = Path(values['mount_file']).expanduser().absolute()
-        self._broadcaster = StaticTransformBroadcaster(self)
+        self._resting = StaticTransforms(self)
         self._heard: list[Subscription] = []
         self._tree: FrameTree
         self._body: PoseTrack
@@ -97,7 +98,7 @@ class MountNode(Node):
                 rotation=Quaternion(**dict(zip('xyzw', (one / length for one in turn))))))
         message.header.frame_id = self._body_frame
         message.header.stamp = self.get_clock().now().to_msg()
-        self._broadcaster.sendTransform(message)
+        self._resting.send([message])
 
     def _on_calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         # Here, as it takes long to import, and only a calibration needs it.
@@ -113,12 +114,11 @@ class MountNode(Node):
             response.message = str(error)
             return response
         self._tree, self._body, self._wrist = FrameTree(), PoseTrack(), PoseTrack()
-        message = imported_message('tf2_msgs', 'TFMessage')
         moving = QoSProfile(depth=TF_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         resting = QoSProfile(depth=STATIC_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._heard = [
-            self.create_subscription(message, '/tf', self._on_transforms, moving),
-            self.create_subscription(message, '/tf_static', self._on_resting, resting)]
+            self.create_subscription(TFMessage, '/tf', self._on_transforms, moving),
+            self.create_subscription(TFMessage, '/tf_static', self._on_resting, resting)]
         self._ends = time.monotonic() + self._duration
         response.success = True
         response.message = (

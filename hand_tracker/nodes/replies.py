@@ -28,11 +28,7 @@ from ..messages.stamps import NO_STAMP, Stamp, Time, is_repeated
 from ..messages.templates import ANGLE_DEVIATIONS, JOINT_STATES, TRANSFORMS, transform_numbers
 from ..tracking.stream import TrackedFrame
 from .serialization import Reply, Serialization, TFMessage
-
-try:
-    from tf2_ros import StaticTransformBroadcaster
-except ImportError:
-    StaticTransformBroadcaster = None
+from .static_transforms import StaticTransforms
 
 TF_DEPTH = 100       # that of tf2_ros
 TEMPLATES_KEPT = 64  # hostile messages may name a new frame each
@@ -91,28 +87,28 @@ class Replies:
         self._templates: dict[Any, Any] = {}
         self._tf: Publisher | None = None
         self._last_transform = [NO_STAMP] * len(hands)
-        self._static_broadcaster: Any = None
+        self._tips: StaticTransforms | None = None
         if broadcast == 'none':
             return
-        if StaticTransformBroadcaster is None or TFMessage is None:
+        if TFMessage is None:
             node.get_logger().warning(
-                'tf2_ros is not installed: nothing is broadcast on /tf; the rest works')
+                'tf2_msgs is not installed: nothing is broadcast on /tf; the rest works')
             return
         self._tf = node.create_publisher(TFMessage, '/tf', TF_DEPTH)
         if broadcast == 'all':
             self._clock = node.get_clock()
-            self._static_broadcaster = StaticTransformBroadcaster(node)
+            self._tips = StaticTransforms(node)
             for number, (hand, _, _) in enumerate(hands):
                 self.show_tips(number, hand)
 
     def show_tips(self, number: int, hand: Hand) -> None:
         """Broadcast the tips of a hand, by its number, where all frames are broadcast."""
-        if self._static_broadcaster is None:
+        if self._tips is None:
             return
         tips = new_transforms(tip_frames(self._names[number]))
         fill_transforms(tips, self._clock.now().to_msg(), np.hstack(
             (tip_offsets(hand), np.tile((0., 0., 0., 1.), (len(tips), 1)))))
-        self._static_broadcaster.sendTransform(tips)
+        self._tips.send(tips)
 
     def publish(self, frames: Mapping[int, TrackedFrame]) -> bool:
         """Publish the replies to the frames of a message.

@@ -18,7 +18,7 @@ def installed(package):
 
 def lack():
     """Return what is missing to launch, or None."""
-    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_ros')
+    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_msgs')
                    if find_spec(name) is None]:
         return f"not installed: {', '.join(missing)}"
     if shutil.which('ros2') is None:

@@ -7,11 +7,17 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import LOSSLESS, TRACKER_MODULE, Bench, begun_anew, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
-from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
+from helpers.ros_process import (
+    PLAIN_PYTHON,
+    NodeProcess,
+    frames_on_fast_path,
+    watching_node,
+)
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.core.model.hand import JOINTS, SIDES
+from hand_tracker.core.model.hand import DIGITS, JOINTS, SIDES
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.stamps import seconds
@@ -130,6 +136,19 @@ def test_mirrored_markers_give_mirrored_hands():
             # A mirror reverses the turns about the two axes in its plane.
             assert (right.rotation.x, right.rotation.y) == (-left.rotation.x, left.rotation.y)
             assert (right.rotation.z, right.rotation.w) == (-left.rotation.z, left.rotation.w)
+
+
+def test_a_late_listener_hears_the_tips_of_both_hands():
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs').TFMessage
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    with NodeProcess(TRACKER_MODULE, {'side': 'both', 'broadcast': 'all'},
+                     environment=PLAIN_PYTHON) as process, watching_node() as node:
+        process.wait_for_line('listening')
+        late = node.collect(kind, '/tf_static', latched)
+        node.spin_until(lambda: late)
+        assert {sent.child_frame_id for sent in late[-1].transforms} == {
+            f'{side}_{digit}_tip' for side in SIDES for digit in DIGITS}
+        assert process.interrupt() == 0, process.output
 
 
 class IdBench(BothBench):

@@ -4,14 +4,17 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import tracking
-from helpers.ros_process import watching_node
+from helpers.hands import hand_at
+from helpers.ros_process import PLAIN_PYTHON, watching_node
 from helpers.skin_markers import worn_markers
 from rcl_interfaces.srv import GetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from hand_tracker.calibration.live_take import progress_from_diagnostics
 from hand_tracker.calibration.prompts import PROMPTS
-from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand
+from hand_tracker.core.model.kinematics import tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.nodes.hand_description import follow_hand
@@ -74,6 +77,33 @@ def test_a_hand_is_loaded_without_a_jump(tmp_path):
         np.testing.assert_allclose(described[0][0].finger_bones, HAND.finger_bones, atol=1e-12)
         np.testing.assert_allclose(described[0][0].limits, limits, atol=1e-12)
         np.testing.assert_allclose(described[0][1].offsets, LAYOUT.offsets, atol=1e-12)
+
+
+def test_tips_of_a_loaded_hand_reach_listeners_of_now_and_later(tmp_path):
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs').TFMessage
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    large = Hand.scaled(.22, .1)
+    save_hand(tmp_path / 'large.yaml', large, MarkerLayout())
+    frame = hand_at()
+
+    def tips(messages):
+        found = {sent.child_frame_id: sent.transform.translation
+                 for sent in messages[-1].transforms}
+        return np.array([(at.x, at.y, at.z) for at in (
+            found[f'right_{digit}_tip'] for digit in DIGITS)])
+
+    with tracking({'broadcast': 'all'}, environment=PLAIN_PYTHON) as bench:
+        early = bench.node.collect(kind, '/tf_static', latched)
+        bench.meet(frame, heard=(early,))
+        assert not np.allclose(tips(early), tip_offsets(large), rtol=0, atol=1e-4)
+        assert bench.set({'hand_file': str(tmp_path / 'large.yaml')}).successful
+        assert call(bench, 'load_hand').success
+        bench.node.repeat(
+            lambda: bench.answer(frame),
+            lambda: np.allclose(tips(early), tip_offsets(large), rtol=0, atol=1e-9))
+        late = bench.node.collect(kind, '/tf_static', latched)
+        bench.node.spin_until(lambda: late)
+        np.testing.assert_allclose(tips(late), tip_offsets(large), rtol=0, atol=1e-9)
 
 
 def test_markers_worn_elsewhere_are_taken_without_a_jump(tmp_path):

@@ -123,7 +123,7 @@ def check_picture(bench, palm):
 
 
 def test_transforms_of_every_frame_are_those_of_the_core():
-    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs').TFMessage
     hand = RIGHT.mirrored()
     frames = motion(hand, 30)
     tracker = begun_anew(HandTracker(hand), frames[0])
@@ -158,7 +158,7 @@ def test_transforms_of_every_frame_are_those_of_the_core():
 
 
 def test_wrist_alone_with_a_hand_file_and_names_of_ones_own(tmp_path):
-    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs').TFMessage
     hand = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide'))
     layout = MarkerLayout(offsets=np.full((8, 3), .004))
     save_hand(tmp_path / 'hand.yaml', hand, layout)
@@ -637,9 +637,9 @@ def test_says_when_nothing_can_come_even_without_a_clock():
                                     'effort')
 
 
-def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
+def test_says_when_the_palm_is_lost_and_found_even_without_tf2_msgs(
         tmp_path, monkeypatch, solved):
-    (tmp_path / 'tf2_ros.py').write_text('raise ImportError')
+    (tmp_path / 'tf2_msgs.py').write_text('raise ImportError')
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
     frame = hand_at()
     lost = frame.copy()
@@ -661,7 +661,7 @@ def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
         # The digits keep their places in the palm.
         assert np.allclose(bench.angles(lost), solved, rtol=0, atol=np.radians(2.))
         until(frame, 'tracking again')
-        assert len(lines(bench.process, 'tf2_ros is not installed')) == 1
+        assert len(lines(bench.process, 'tf2_msgs is not installed')) == 1
 
 
 def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):

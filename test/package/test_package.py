@@ -33,7 +33,6 @@ ROSDEP_KEYS = {
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'skimage': 'python3-skimage',
-    'tf2_ros': 'tf2_ros_py',
     'trimesh': 'python3-trimesh-pip',
     'yaml': 'python3-yaml',
 }
@@ -43,7 +42,7 @@ STARTED_ONLY = {'ros2launch'}
 OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'mujoco', 'qtm_rt', 'viser', 'websockets'}
 
 FORBIDDEN_IN_CORE = {'PIL', 'joblib', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage',
-                     'tf2_ros', 'trimesh', 'yaml'}
+                     'tf2_msgs', 'trimesh', 'yaml'}
 CORE = sorted((REPOSITORY / 'hand_tracker' / 'core').rglob('*.py'))
 
 

@@ -51,7 +51,7 @@ from hand_tracker.tracking.recording import MarkerReading, track
 FRAMES = 150
 STAMP_STEP = 10_000_000     # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
-       'tf2_ros', 'visualization_msgs')
+       'visualization_msgs')
 PATIENCE = 240.  # [s], on a busy machine
 GIVEN_SIZE = '--no-auto-size'  # the hand is the mean hand
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'

@@ -1,0 +1,34 @@
+"""Transforms at rest, on /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from .serialization import TFMessage
+
+
+class StaticTransforms:
+    """Publisher of the latest transform of each child frame, all in one message.
+
+    It needs tf2_msgs.
+
+    Parameters
+    ----------
+    node : Node
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.create_publisher(TFMessage, '/tf_static', QoSProfile(
+            depth=1, reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        # tf2_ros keeps the first of each frame on Jazzy, and on Humble none but the last sent.
+        self._by_child: dict[str, TransformStamped] = {}
+
+    def send(self, transforms: Iterable[TransformStamped]) -> None:
+        """Publish transforms, and those of all other frames that were sent before."""
+        self._by_child.update((one.child_frame_id, one) for one in transforms)
+        self._publisher.publish(TFMessage(transforms=list(self._by_child.values())))
