@@ -3,8 +3,8 @@
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
-any size), from the hand model fitted to the first fifth, as a hand file has it (`fitted`), or from
-that of mean size alone (`model`); judged is the rest.
+any size), from the hand model fitted to the joints of the first fifth (`fitted`), or from that of
+mean size alone (`model`); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -60,7 +60,7 @@ class NamedMarkers(NamedTuple):
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
     fitted : Hand or None
-        To the first part, of markers as the paper's; None where the joints are not known.
+        To the joints of the first part; None where they are not known.
     """
 
     name: str
@@ -145,7 +145,7 @@ def _of_take(take: MarkerTake) -> NamedMarkers:
 
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
-    """Yield the trials of recordings: each alone, by others and by the model, and in pairs."""
+    """Yield the trials of recordings: each by all kinds of statistics, and in pairs."""
     for recording in recordings:
         try:
             own = recording.prototype()

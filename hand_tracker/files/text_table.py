@@ -24,6 +24,7 @@ TIME_ROUNDING = 1e-5       # [s]; five decimals are usual
 # Of cameras and their clocks, with much to spare.
 HIGHEST_RATE = 1e6         # [Hz]
 LATEST_TIME = 1e13         # [s]
+LATEST_FRAME = 1e15        # number
 
 
 @contextmanager
@@ -389,7 +390,7 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
             times.append(rows.numbers[:, time_column].copy())
     frames = buffer.frames
     counted = np.concatenate(numbers) if numbers else np.full(1, np.nan)
-    counted[np.isinf(counted)] = np.nan  # a damaged cell counts nothing
+    counted[np.abs(counted) > LATEST_FRAME] = np.nan  # a damaged cell counts nothing
     first, last = counted[0], counted[-1]
     note = ''
     left_out = last - first + 1. - frames if frames else 0.

@@ -15,6 +15,7 @@ from .robot_model import RobotModel
 from .robot_urdf import InvalidRobot
 
 ROLES = ('thumb', *FINGERS)  # of a robot's digits
+LEAST_ARM = 1e-6             # [m] of a digit about the axis that bends it
 MIN_BONE = .008              # [m] between joints that bound a bone
 FLEXION_COSINE = .7          # of a joint's axis to the digit's flexion axis
 MISSING_TIP_SHARE = .8       # [1] of the last bone but one, where a URDF has no tip frame
@@ -356,9 +357,9 @@ def _axes(fingers: list[Digit], frames: tuple[np.ndarray, np.ndarray]) -> np.nda
             along = rotations[finger.joints[-1]] @ finger.tip
         along = along - (along @ finger.flexion_axis) * finger.flexion_axis
         length = np.linalg.norm(along)
-        if length < 1e-6:
-            raise InvalidRobot(f"the tip of '{finger.tip_link}' is on the axis that bends its "
-                               'digit; expected a tip that the axis moves')
+        if length < LEAST_ARM:
+            raise InvalidRobot(f"'{finger.tip_link}': its digit lies along the axis that bends it; "
+                               'expected a digit that the axis moves')
         along /= length
         distal += along
         palmar += np.cross(finger.flexion_axis, along)

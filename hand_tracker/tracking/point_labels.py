@@ -63,9 +63,12 @@ class PointLabels:
         self._message: Any = None
         self._labelled: tuple[PointFrame, CloudLabels | None] | None = None
         self._read: set[str] = set()   # sides that have read this message
+        self.told: set[str] = set()    # sides whose hand is logged as found
 
     def set_hand(self, hand: Hand, layout: MarkerLayout, points: PointReader) -> None:
-        """Label points also for a hand; it replaces the one of its side, which keeps its labels.
+        """Label points also for a hand; it replaces the one of its side.
+
+        A followed hand of the same markers keeps its labels.
 
         Parameters
         ----------
@@ -144,7 +147,6 @@ class PointLabelReader:
         self._labels.set_hand(hand, layout, points)
         self._side, self._names, self._settings = hand.side, tuple(layout.names), names
         self._searched_since: float | None = None
-        self._was_found = False
         self._asked = False
         self._log_lines: list[tuple[bool, str]] = []
 
@@ -158,10 +160,11 @@ class PointLabelReader:
     def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
         if found:
-            if not self._was_found:
+            if self._side not in self._labels.told:
                 self._log_lines.append((False, f'the {self._side} hand is found among {count} '
                                         'points without labels'))
-            self._was_found, self._searched_since, self._asked = True, None, False
+            self._labels.told.add(self._side)
+            self._searched_since, self._asked = None, False
             return
         if time is None:
             return
@@ -169,7 +172,8 @@ class PointLabelReader:
             self._searched_since = time
         if self._asked or not (other_side or time - self._searched_since >= SEARCHED_LONG):
             return
-        self._asked, self._was_found = True, False
+        self._asked = True
+        self._labels.told.discard(self._side)
         other = OTHER_SIDE[self._side]
         if other_side:
             self._log_lines.append((True, f'the points look like a {other} hand: set '

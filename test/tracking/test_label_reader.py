@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 from helpers.hands import hand_at
 
+from hand_tracker.calibration import fit_hand, landmark_positions
+from hand_tracker.calibration.size import fit_size
 from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabels
 from hand_tracker.core.point_labelling.natural_poses import (
     ANYBODY,
     FITTED,
     SIZED,
+    natural_poses,
     tolerances_of,
 )
 from hand_tracker.files.hand_file import load_hand, save_hand
@@ -93,9 +97,11 @@ def test_how_well_a_hand_is_known_shows_in_its_bones(tmp_path):
     ruler, _ = load_hand(tmp_path / 'ruler.yaml')
     assert tolerances_of(Hand.scaled(side='left')) is ANYBODY
     assert tolerances_of(ruler) is SIZED
-    bones = ruler.finger_bones.copy()
-    bones[1, :2] += .001, -.001
-    assert tolerances_of(ruler.replace(finger_bones=bones)) is FITTED
+    assert tolerances_of(fit_size(np.tile(1.05 * hand_at(), (100, 1, 1)), Hand.scaled())) is SIZED
+    hand = Hand.scaled()
+    joints = landmark_positions(hand, forward(joint_table(hand), natural_poses(hand, 400)))
+    save_hand(tmp_path / 'fitted.yaml', fit_hand(joints, 'right'), preset_layout('paper8'))
+    assert tolerances_of(load_hand(tmp_path / 'fitted.yaml')[0]) is FITTED
 
 
 def test_a_hand_that_is_replaced_keeps_its_labels():

@@ -124,7 +124,9 @@ class _Hand:
         self.prototype, self.statistics = prototype, prototype.statistics
         self.mirrored = prototype.mirrored().statistics
         self.side.judge_by(self.statistics, self.mirrored)
-        if self.track is not None:
+        if not self.confirmed:
+            self.lose()
+        elif self.track is not None:
             kernel(renew_places)(self.statistics, points, self.track)
 
     def lose(self) -> None:
@@ -216,7 +218,7 @@ class CloudLabeller:
         return tuple(hand.prototype for hand in self._hands)
 
     def replace_prototype(self, index: int, prototype: HandPrototype) -> None:
-        """Replace a hand's prototype, as by one of its size; a followed hand keeps its labels.
+        """Replace a hand's prototype, such as by one of its size; a followed hand keeps its labels.
 
         Parameters
         ----------

@@ -22,6 +22,7 @@ from .hand_track import (
     coming_cost,
     place_again,
     predict_hand,
+    reset_palm_gaps,
 )
 from .links import exchange_gain
 from .pair_search import place_by_all
@@ -171,12 +172,16 @@ def renew_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
     finding = track.finding
     place_again(track)
     if not place_by_palm(prototype, points, finding.rows, finding):
-        place_by_all(prototype, points, finding)
+        if count_seen(finding.rows) > 0:
+            place_by_all(prototype, points, finding)
+    for i in range(len(finding.rows)):
+        if track.seen_for[i] < PALM_GAP_TIME:   # its distances are still the former template's
+            reset_palm_gaps(prototype, track, i)
     to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0], track.local)
     finding.distance[0] = math.inf      # by the other prototype
     track.expected[:] = track.palm_offset[:] = np.nan
     track.returns.age[:] = math.inf
-    track.doubt[0] = 0.
+    track.exchanged[:] = track.doubt[0] = 0.
 
 
 @labelling_jit

@@ -104,7 +104,8 @@ class HandTrack(NamedTuple):
         Offset of each hidden palm marker from where the joint distribution places it, in the palm's
         frame; NaN where unknown [m].
     palm_gaps : ndarray, shape (M, M)
-        Distance of each two palm markers: the template's, filtered towards what is seen [m].
+        Distance of each two palm markers, at first by the template, then filtered towards those
+        seen; 0 for those of digits [m].
     doubt : ndarray, shape (1,)
         Accumulated cost lead of rival labellings [variances].
     astray_for : ndarray, shape (1,)
@@ -173,16 +174,19 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         np.zeros(1), np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
         np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
-    for i in range(count):
-        loaded_or_plain(reset_palm_gaps)(prototype, track, i)
+    palm = prototype.rigid > 0.
+    gaps = prototype.template[:, None] - prototype.template
+    track.palm_gaps[:] = finding.size[0] * np.linalg.norm(gaps, axis=2) * (palm[:, None] & palm)
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 
 
 @labelling_jit
 def reset_palm_gaps(prototype: Prototype, track: HandTrack, i: int) -> None:
-    """Set a marker's distances from the palm's others to those of the template."""
+    """Set a palm marker's distances from the others to those of the template; no other's."""
     for j in range(len(prototype.rigid)):
+        if prototype.rigid[i] <= 0. or prototype.rigid[j] <= 0.:
+            continue
         off = 0.
         for k in range(3):
             off += (prototype.template[i, k] - prototype.template[j, k]) ** 2

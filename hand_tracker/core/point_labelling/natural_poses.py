@@ -39,18 +39,16 @@ class HandTolerances(NamedTuple):
 ANYBODY = HandTolerances((.006, .012, .006), (.7, 1.45), .15)
 SIZED = HandTolerances((.006, .012, .006), (.9, 1.1), .08)
 FITTED = HandTolerances((.004, .008, .004), (.9, 1.1), .08)
-PROPORTION_ROUNDING = .002  # [1] of a bone's share of its finger, as hand files are rounded
 
 
 def tolerances_of(hand: Hand) -> HandTolerances:
-    """Return how well a hand is known: a ruler scales the mean hand's fingers, a fit each bone."""
+    """Return how well a hand is known: a fit alone finds its range of motion."""
+    if hand.range_of_motion.any():
+        return FITTED
     mean = Hand.scaled(side=hand.side)
-    if (np.array_equal(hand.finger_bones, mean.finger_bones)
-            and np.array_equal(hand.finger_mcp, mean.finger_mcp)):
-        return ANYBODY
-    shares, usual = (one.finger_bones / one.finger_bones.sum(axis=1, keepdims=True)
-                     for one in (hand, mean))
-    return SIZED if np.abs(shares - usual).max() < PROPORTION_ROUNDING else FITTED
+    is_mean = (np.array_equal(hand.finger_bones, mean.finger_bones)
+               and np.array_equal(hand.finger_mcp, mean.finger_mcp))
+    return ANYBODY if is_mean else SIZED
 
 
 def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:

@@ -19,7 +19,7 @@ from .returns import RETURN_COST, PalmPoints, hidden_place, hidden_tail, return_
 VANISHING_COST = 12.        # of not assigning a marker that was seen a frame before
 RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
 CIRCLE_COST = 8.            # of a palm marker placed by `circle_cost`, off its prediction
-LEAST_RADIUS = .001        # [m] of the circle on which that is
+LEAST_RADIUS = .001         # [m] of the circle of `circle_cost`; ours
 RIGID_GAIN = 30.            # most by which distances lower a palm marker's cost
 HINT_GAIN = 4.              # cost reduction of a point with the source id of the marker
 KEPT_ID_TIME = .1           # [s] of a kept id: some sources renumber each frame; ours

@@ -122,6 +122,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
             finding.rows[i] = -1
             track.suspected_for[i] = 0.
             track.hidden_for[i] = step
+            reset_palm_gaps(prototype, track, i)
     track.since_relabelling[0] += 1
     track.unreviewed_for[0] += step
     track.since_search[0] += 1
@@ -321,8 +322,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
         if changed[i]:
             track.seen_for[i] = track.trusted_for[i] = 0.
             track.trusted_for[:, i] = 0.
-            if prototype.rigid[i] > 0.:
-                reset_palm_gaps(prototype, track, i)
+            reset_palm_gaps(prototype, track, i)
 
 
 @labelling_jit
