@@ -30,12 +30,18 @@ from hand_tracker.core.model.marker_layout import (
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
-from hand_tracker.core.point_labelling.natural_poses import model_prototype
+from hand_tracker.core.point_labelling.natural_poses import (
+    ANYBODY,
+    FITTED,
+    SIZED,
+    model_prototype,
+)
 from hand_tracker.core.tracker import HandTracker
 
 WILD = np.array((0., -0., np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 5e-324, 1e-300, 1e3, -1e3,
                  1e-3, .1))
 STAMPS = (None, np.nan, np.inf, -np.inf, 0., -1., 1e30, -1e30, 1e308, 1e9, 5e-324)
+TOLERANCES = ANYBODY, SIZED, FITTED
 TIPS = tuple(place.replace('dip', 'tip') for place in PAPER_PLACES)
 CONFIGURE = .003   # share of frames preceded by a change of hand, layout or options
 RESET = .0002      # share of frames preceded by a reset
@@ -302,7 +308,8 @@ class CloudFuzz:
         for hand, tracker in zip(self.hands, self.trackers):
             try:
                 prototypes.append(model_prototype(
-                    tracker.hand, tracker.layout, tracker.layout.names, self.rng.random() < .5))
+                    tracker.hand, tracker.layout, tracker.layout.names,
+                    TOLERANCES[self.rng.integers(len(TOLERANCES))]))
             except InvalidLayout:
                 # Its palm has no triangle large enough to be found by.
                 hand.did['prototypes refused'] += 1
