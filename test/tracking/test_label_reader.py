@@ -92,7 +92,7 @@ def test_a_measured_hand_is_looked_for_in_its_own_size(size, sizes):
     assert tuple(labels._prototypes['right'].statistics.sizes) == sizes
 
 
-def test_how_well_a_hand_is_known_shows_in_its_bones(tmp_path):
+def test_how_well_a_hand_is_known_is_told_by_its_file(tmp_path):
     save_hand(tmp_path / 'ruler.yaml', Hand.scaled(.2, .095, side='left'), preset_layout('paper8'))
     ruler, _ = load_hand(tmp_path / 'ruler.yaml')
     assert tolerances_of(Hand.scaled(side='left')) is ANYBODY
