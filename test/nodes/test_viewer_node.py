@@ -239,7 +239,7 @@ def test_it_pauses_and_slows_the_player():
             return head.there
 
         assert not look()
-        with NodeProcess('hand_tracker.nodes.replay_node', {'loop': True}):
+        with NodeProcess('hand_tracker.nodes.replay_node', {'loop': True}) as player:
             node.spin_until(look)
             assert head.playing
             assert rate() == pytest.approx(120., rel=.01)
@@ -261,4 +261,5 @@ def test_it_pauses_and_slows_the_player():
             head.toggle()
             assert not node.call(srv.IsPaused, '/replay/is_paused').paused
             assert head.playing and rate() == pytest.approx(30., rel=.01)
+            assert player.interrupt() == 0
         node.spin_until(lambda: not look())
