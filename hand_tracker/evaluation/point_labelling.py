@@ -4,11 +4,11 @@ The markers of each frame are shuffled, ghosts are added, and markers are hidden
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
 any size), from the hand model fitted to the joints of the first fifth (`fitted`), or from that of
-mean size alone (`model`); judged is the rest.
+mean size alone (`model`: a stream learns the size on the way); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -20,9 +20,11 @@ from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..core.point_labelling.cloud_labeller import CloudLabeller
-from ..core.point_labelling.natural_poses import ANYBODY, FITTED, model_prototype
+from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
+from ..core.point_labelling.natural_poses import ANYBODY, FITTED, SIZED, model_prototype
 from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
+from ..tracking.auto_size import AutoSize
+from ..tracking.recent_clouds import RecentClouds
 from .capture_fit import fit_to_capture
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
@@ -332,7 +334,31 @@ def _stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
                    rate: float) -> np.ndarray:
     """Return the labels of consecutive frames, (frames, hands, M)."""
     labeller = CloudLabeller(trial.prototypes)
-    return np.array([labeller.update(made.points[i], i / rate).rows for i in frames])
+    learn = _size_learner(labeller) if trial.learned == 'model' else None
+    rows = []
+    for i in frames:
+        labels = labeller.update(made.points[i], i / rate)
+        rows.append(labels.rows)
+        if learn is not None:
+            learn(made.points[i], labels, i / rate)
+    return np.array(rows)
+
+
+def _size_learner(labeller: CloudLabeller) -> Callable[[np.ndarray, CloudLabels, float], None]:
+    """Return what learns a hand's size from each frame's points, labels and time, as a tracker."""
+    (usual,), layout, recent = labeller.prototypes, MarkerLayout(), RecentClouds()
+    size = AutoSize(Hand.scaled(side=usual.side), layout)
+
+    def learn(points: np.ndarray, labels: CloudLabels, time: float) -> None:
+        if not size.is_learning:
+            return
+        if labels.found[0]:
+            recent.add(points, labels.places[0], time)
+        hand = size.add(labels.places[0], time, lambda _: recent.confirm(usual))
+        if hand is not None:
+            labeller.replace_prototype(0, model_prototype(hand, layout, MARKERS, SIZED))
+
+    return learn
 
 
 def _finding_times(trial: LabellingTrial, made: Clouds, rate: float,

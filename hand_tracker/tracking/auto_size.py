@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Thread
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
 
 # [s] with the whole palm seen after which the size is estimated; after the last it is kept.
 LEARNING_TIMES = (1., 2.5, 5.)
+MOST_REFUSALS = 6     # of estimates, after which the size stays as it is; ours
 SAMPLE_PERIOD = .02  # [s] between two frames that are kept
 
 
@@ -41,10 +43,12 @@ class AutoSize:
         self._seen_for = 0.
         self._last: float | None = None
         self._due = list(LEARNING_TIMES)
-        self._fits = False
+        self._refusals = 0
+        self._fits = self._is_refused = False
         self._found: Hand | None = None
 
-    def add(self, markers: np.ndarray, time: float | None) -> Hand | None:
+    def add(self, markers: np.ndarray, time: float | None,
+            accepts: Callable[[Hand], bool] | None = None) -> Hand | None:
         """Take a frame.
 
         Parameters
@@ -53,6 +57,9 @@ class AutoSize:
             In the order of the layout, NaN where not seen [m].
         time : float or None
             Of the frame; frames without a time are not counted [s].
+        accepts : callable, optional
+            Returns whether a hand of the size estimated may be taken, in the thread that
+            estimates; where not, learning starts anew.
 
         Returns
         -------
@@ -66,10 +73,13 @@ class AutoSize:
             self._fits = True
             frames = np.array(self._kept)
             if self._in_background:
-                Thread(target=self._fit, args=(frames,), name='fit size', daemon=True).start()
+                Thread(target=self._fit, args=(frames, accepts), name='fit size',
+                       daemon=True).start()
             else:
-                self._fit(frames)
+                self._fit(frames, accepts)
         found, self._found = self._found, None
+        if self._is_refused:
+            self._start_anew()
         self.is_learning = bool(self._due) or self._fits or self._found is not None
         return found
 
@@ -85,6 +95,17 @@ class AutoSize:
             self._last = time
             self._kept.append(markers.copy())
 
-    def _fit(self, frames: np.ndarray) -> None:
-        self._found = fit_size(frames, self._hand, self._layout)
+    def _start_anew(self) -> None:
+        """Forget the frames so far, which were not of the hand; give up after some times."""
+        self._is_refused = False
+        self._refusals += 1
+        self._kept.clear()
+        self._seen_for, self._last = 0., None
+        self._due = list(LEARNING_TIMES) if self._refusals < MOST_REFUSALS else []
+
+    def _fit(self, frames: np.ndarray, accepts: Callable[[Hand], bool] | None) -> None:
+        found = fit_size(frames, self._hand, self._layout)
+        self._is_refused = found is not None and accepts is not None and not accepts(found)
+        if not self._is_refused:
+            self._found = found
         self._fits = False

@@ -17,6 +17,7 @@ from ..core.point_labelling.prototypes import HandPrototype
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
+from .recent_clouds import RecentClouds
 from .setting_names import PARAMETER_NAMES, SettingNames
 
 SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
@@ -48,6 +49,12 @@ def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:
 def _prototype(hand: Hand, layout: MarkerLayout) -> HandPrototype:
     """Return the prototype of a hand, kept as it takes tenths of a second."""
     return model_prototype(hand, layout, tuple(layout.names), tolerances_of(hand))
+
+
+@lru_cache(maxsize=4)
+def _usual_prototype(side: str, layout: MarkerLayout) -> HandPrototype:
+    """Return the prototype of a hand of anybody."""
+    return model_prototype(Hand.scaled(side=side), layout, tuple(layout.names))
 
 
 class PointLabels:
@@ -145,7 +152,8 @@ class PointLabelReader:
                  names: SettingNames = PARAMETER_NAMES) -> None:
         self._labels = labels or PointLabels()
         self._labels.set_hand(hand, layout, points)
-        self._side, self._names, self._settings = hand.side, tuple(layout.names), names
+        self._side, self._layout, self._points, self._settings = hand.side, layout, points, names
+        self._recent = RecentClouds()
         self._searched_since: float | None = None
         self._asked = False
         self._log_lines: list[tuple[bool, str]] = []
@@ -154,8 +162,27 @@ class PointLabelReader:
         """Return the markers of a message; those not found are not seen."""
         frame, places, found, other_side = self._labels.read(message, self._side)
         if frame.stamp is not None:
-            self._note(seconds(frame.stamp), found, len(frame.points), other_side)
+            time = seconds(frame.stamp)
+            self._note(time, found, len(frame.points), other_side)
+            if found and time is not None:
+                self._recent.add(frame.points, places, time)
         return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, ())
+
+    def accepts(self, hand: Hand) -> bool:
+        """Return whether a hand may be labelled by whose size its labels told; any thread may ask.
+
+        Parameters
+        ----------
+        hand : Hand
+        """
+        if not self._recent.confirm(_usual_prototype(self._side, self._layout)):
+            return False
+        _prototype(hand, self._layout)  # so that no frame waits for it
+        return True
+
+    def replace_hand(self, hand: Hand) -> None:
+        """Label by another hand of this side from now on, such as one of the wearer's size."""
+        self._labels.set_hand(hand, self._layout, self._points)
 
     def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
@@ -174,21 +201,21 @@ class PointLabelReader:
             return
         self._asked = True
         self._labels.told.discard(self._side)
-        other = OTHER_SIDE[self._side]
+        other, names = OTHER_SIDE[self._side], tuple(self._layout.names)
         if other_side:
             self._log_lines.append((True, f'the points look like a {other} hand: set '
                                     f'{self._settings.side.format(other)}, or check whether axes '
                                     'are exchanged or mirrored'))
-        elif count < len(self._names):
-            self._log_lines.append((True, f'only {count} points; the hand has {len(self._names)} '
+        elif count < len(names):
+            self._log_lines.append((True, f'only {count} points; the hand has {len(names)} '
                                     'markers'))
         else:
             # Any of the points may be of no hand: the markers are these, or fewer.
-            others = _worn_presets(self._names, count)
+            others = _worn_presets(names, count)
             known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
             self._log_lines.append((
                 True, f'the {self._side} hand is not found among {count} points: spread your '
-                f'fingers for a moment; else the layout, of {len(self._names)} markers, does not '
+                f'fingers for a moment; else the layout, of {len(names)} markers, does not '
                 f'fit them{known}; or check the side and {self._settings.scale}'))
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:

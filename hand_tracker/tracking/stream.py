@@ -293,10 +293,12 @@ class Stream:
 
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
-        sized = self._auto_size.add(markers, time)
+        sized = self._auto_size.add(markers, time, self._accepts)
         if sized is not None:
             now = self.tracker.hand
             self._change_hand(sized.replace(limits=now.limits, coupling=now.coupling))
+            if isinstance(self.reader, PointLabelReader):
+                self.reader.replace_hand(sized)
             self._is_sized = True
         if self._auto_size.is_learning or not self.tracker.placed:
             return
@@ -308,6 +310,11 @@ class Stream:
             self._log_lines.append((False, 'the size of the hand is learned: '
                                     f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                     'knuckles of index and little finger'))
+
+    def _accepts(self, sized: Hand) -> bool:
+        """Return whether a learned size may be taken: not where it is by wrong labels."""
+        reader = self.reader
+        return not isinstance(reader, PointLabelReader) or reader.accepts(sized)
 
     @property
     def is_compiled(self) -> bool:

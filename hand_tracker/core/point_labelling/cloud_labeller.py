@@ -110,19 +110,21 @@ class _Hand:
     """State of one hand: prototype, track, and progress of its search."""
 
     def __init__(self, prototype: HandPrototype, first_marker: int) -> None:
-        self.prototype = prototype
+        self._label_by(prototype)
         self.first_marker = first_marker    # among those of all hands
-        self.statistics: Prototype = prototype.statistics
-        self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
         self.side = SideEvidence(self.statistics, self.mirrored)
         self.by_pairs = False   # search by pairs of palm markers, not triangles
         self.lose()
 
+    def _label_by(self, prototype: HandPrototype) -> None:
+        self.prototype = prototype
+        self.statistics: Prototype = prototype.statistics
+        self.mirrored: Prototype = prototype.mirrored().statistics
+
     def replace_prototype(self, prototype: HandPrototype, points: np.ndarray) -> None:
         """Go on with another prototype of the same markers, from the points of the last frame."""
-        self.prototype, self.statistics = prototype, prototype.statistics
-        self.mirrored = prototype.mirrored().statistics
+        self._label_by(prototype)
         self.side.judge_by(self.statistics, self.mirrored)
         if not self.confirmed:
             self.lose()
@@ -485,13 +487,15 @@ class CloudLabeller:
         found = _labelled_as(hand.mirrored, hand.track, points, by_pairs, free)
         return float(hand.track.finding.cost[0] - found.cost[0]), found
 
-    def label_frame(self, points: ArrayLike) -> CloudLabels:
-        """Label the points of a single frame, without history and without a search budget.
+    def label_frame(self, points: ArrayLike, budget: int = sys.maxsize) -> CloudLabels:
+        """Label the points of a single frame, without history.
 
         Parameters
         ----------
         points : array_like, shape (n, 3)
             In any order [m].
+        budget : int, optional
+            Distances of points from markers that each search may take; beyond, no hand is found.
 
         Returns
         -------
@@ -499,8 +503,9 @@ class CloudLabeller:
         """
         all_points = _with_hidden(points)
         cloud = all_points[:-1]
-        best = self._found_together(cloud, np.isfinite(cloud).all(axis=1), sys.maxsize)
-        assert best is not None
+        best = self._found_together(cloud, np.isfinite(cloud).all(axis=1), budget)
+        if best is None:
+            best = [blank_finding(hand.count) for hand in self._hands]
         return CloudLabels(tuple(one.rows for one in best),
                            tuple(all_points[one.rows] for one in best),
                            tuple(bool(one.cost[0] < np.inf) for one in best),

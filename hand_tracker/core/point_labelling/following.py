@@ -171,9 +171,8 @@ def renew_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
     """
     finding = track.finding
     place_again(track)
-    if not place_by_palm(prototype, points, finding.rows, finding):
-        if count_seen(finding.rows) > 0:
-            place_by_all(prototype, points, finding)
+    if not place_by_palm(prototype, points, finding.rows, finding) and count_seen(finding.rows):
+        place_by_all(prototype, points, finding)
     for i in range(len(finding.rows)):
         if track.seen_for[i] < PALM_GAP_TIME:   # its distances are still the former template's
             reset_palm_gaps(prototype, track, i)

@@ -174,9 +174,6 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         np.zeros(1), np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
         np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
-    palm = prototype.rigid > 0.
-    gaps = prototype.template[:, None] - prototype.template
-    track.palm_gaps[:] = finding.size[0] * np.linalg.norm(gaps, axis=2) * (palm[:, None] & palm)
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 
@@ -213,6 +210,8 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
         track.suspected_for[i] = 0.
         track.returns.age[i] = math.inf
         track.exchanged[i] = 0.
+        if track.seen_for[i] <= 0.:
+            reset_palm_gaps(prototype, track, i)
 
 
 @labelling_jit

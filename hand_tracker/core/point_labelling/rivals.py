@@ -316,13 +316,12 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Fi
     mark_points(cloud.free, finding.rows, True)
     copy_finding(rival, finding)
     mark_points(cloud.free, finding.rows, False)
-    start_places(prototype, cloud.points, track)
     track.doubt[0], track.shaken_for[0] = 0., min(track.shaken_for[0], 0.)
     for i in range(count):
         if changed[i]:
             track.seen_for[i] = track.trusted_for[i] = 0.
             track.trusted_for[:, i] = 0.
-            reset_palm_gaps(prototype, track, i)
+    start_places(prototype, cloud.points, track)
 
 
 @labelling_jit
