@@ -133,9 +133,13 @@ def evaluate(options: Options) -> Iterator[Row]:
 
 def _of_capture(capture: Capture) -> NamedMarkers:
     """Return the paper's eight markers of a capture."""
+    try:
+        fitted = fit_to_capture(capture, WEARER_LIMITS)
+    except HandTrackerError:
+        fitted = None
     return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
                         capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int),
-                        fit_to_capture(capture, WEARER_LIMITS))
+                        fitted)
 
 
 def _of_take(take: MarkerTake) -> NamedMarkers:

@@ -1,13 +1,14 @@
 """The size is learned while a hand is tracked, and then kept."""
 
 import numpy as np
+import pytest
 
 from hand_tracker.calibration.size import fit_size
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.simulation.motions import motion_named
-from hand_tracker.tracking.auto_size import LEARNING_TIMES, AutoSize
+from hand_tracker.tracking.auto_size import LEARNING_TIMES, MOST_REFUSALS, AutoSize
 
 RATE = 100.
 
@@ -56,3 +57,32 @@ def test_in_the_background_the_same_hand_is_found_some_frames_later():
     last = [hand for hand in hands if hand is not None][-1]
     np.testing.assert_allclose(last.finger_bones, Hand.scaled(.2).finger_bones, rtol=.02)
     assert fit_size(markers[:2], Hand.scaled()) is None
+
+
+@pytest.mark.parametrize('in_background', [False, True])
+def test_a_size_that_is_refused_is_learned_anew(in_background):
+    times, markers = markers_of(Hand.scaled(.2, .092), 9.)
+    size = AutoSize(Hand.scaled(), MarkerLayout(), in_background)
+    asked, hands = [], []
+
+    def accepts(hand):
+        asked.append(hand)
+        return len(asked) > 2
+
+    for time, frame in zip(times, markers):
+        hands.append(size.add(frame, time, accepts))
+        while size._fits:
+            pass
+    hands = [hand for hand in hands if hand is not None]
+    # After 1, 1 and 1, 2.5, 5 s.
+    assert hands == asked[2:] and len(hands) == 3 and not size.is_learning
+    np.testing.assert_allclose(hands[-1].finger_bones, Hand.scaled(.2).finger_bones, rtol=.02)
+
+
+def test_a_size_that_is_always_refused_is_given_up():
+    times, markers = markers_of(Hand.scaled(.2, .092), 9.)
+    size = AutoSize(Hand.scaled(), MarkerLayout())
+    asked = []
+    for time, frame in zip(times, markers):
+        assert size.add(frame, time, asked.append) is None
+    assert len(asked) == MOST_REFUSALS and not size.is_learning

@@ -10,12 +10,15 @@ from helpers.hands import markers_of
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
+from hand_tracker.core.point_labelling.natural_poses import ANYBODY, SIZED
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import MarkerFrame
+from hand_tracker.messages.points import PointFrame
 from hand_tracker.messages.stamps import Stamp, stamp_of
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
+from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
 from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
 UNSET = Stamp(0, 0)
@@ -138,7 +141,8 @@ def test_a_learned_size_keeps_limits_and_coupling():
     given = []
     auto_size = SimpleNamespace(is_learning=True)
 
-    def add(positions, time):
+    def add(positions, time, accepts):
+        assert accepts(Hand.scaled())  # as the markers have labels
         given.append((positions, time))
         auto_size.is_learning = len(given) < len(sizes)
         return sizes[len(given) - 1]
@@ -175,6 +179,30 @@ def test_no_angle_jumps_where_the_size_is_learned():
     fastest = np.abs(np.diff(angles[:, pip])).max()
     # At most the re-entry rate faster than the motion, once the first frames have placed the hand.
     assert np.abs(np.diff(found[10:, pip])).max() < 5. * period + fastest
+
+
+@pytest.mark.parametrize('are_right', [True, False])
+def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(are_right):
+    """Wrong are labels that single frames do not confirm."""
+    hand, period = Hand.scaled(.205, .095), .01
+    angles, *wrist = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
+    positions = markers_of(hand, angles, None, *wrist)
+    mean = Hand.scaled()
+    labels = PointLabels()
+    reader = PointLabelReader(mean, MarkerLayout(), SimpleNamespace(read=lambda frame: frame),
+                              labels)
+    stream = Stream(Tracker(), reader, AutoSize(mean, MarkerLayout()))
+    if not are_right:
+        reader._recent.confirm = lambda prototype: False
+    for number, points in enumerate(positions):
+        frame = stream.track(PointFrame(stamp_of(round(1e9 * (1. + number * period))), 'mocap',
+                                        points[::-1], np.full(8, -1), ()), 2., no_receipt)
+        assert np.array_equal(frame.markers.positions, points), number
+    tolerances = SIZED if are_right else ANYBODY
+    assert tuple(labels._labeller.prototypes[0].statistics.sizes) == tolerances.sizes
+    assert len(stream.tracker.configured) == (3 if are_right else 0)
+    (is_warning, line), _ = stream.pop_log_lines()
+    assert not is_warning and ('is learned' if are_right else 'do not tell') in line
 
 
 def test_a_size_that_was_given(stream):
