@@ -46,9 +46,13 @@ def pytest_configure(config):
         return
     # Two compile at once: the one what the other has not begun. The third leaves the byte code of
     # the tests, which every worker would make anew.
-    programs = ((COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE,),
-                (COMPILE, 'labelling'),
-                ('pytest', '--collect-only', '--numprocesses=0', *config.args))
+    run_together((COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE,),
+                 (COMPILE, 'labelling'),
+                 ('pytest', '--collect-only', '--numprocesses=0', *config.args))
+
+
+def run_together(*programs):
+    """Run modules with their arguments, all at once, and wait for them."""
     children = [subprocess.Popen(
         [sys.executable, '-m', *program], cwd=Path(__file__).parents[1],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for program in programs]
@@ -56,6 +60,25 @@ def pytest_configure(config):
         _, complaints = child.communicate()
         if child.returncode:
             warnings.warn(f'{child.args} failed: {complaints[-2000:]}', stacklevel=1)
+
+
+def pytest_collection_finish(session):
+    """Compile the kernels before nodes run, if only one process tests.
+
+    The last bits of what kernels compiled in this process and those loaded by a node tell differ.
+    """
+    options = session.config.option
+    if (options.collectonly or getattr(options, 'numprocesses', None)
+            or hasattr(session.config, 'workerinput')
+            or not any(item.get_closest_marker('ros') for item in session.items)
+            or not importlib.util.find_spec('rclpy')):
+        return
+    from hand_tracker.core.numerics import jit
+    from hand_tracker.nodes.fast_path.middleware import FastPath
+
+    sets = jit.TRACKING_SET, FastPath.KERNEL_SET, jit.LABELLING_SET
+    if jit.COMPILED and not all(map(jit.is_ready, sets)):
+        run_together((COMPILE_ALL,))
 
 
 def pytest_collection_modifyitems(items):
