@@ -8,7 +8,7 @@ mean size alone (`model`: a stream learns the size on the way); judged is the re
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -20,11 +20,11 @@ from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
-from ..core.point_labelling.natural_poses import ANYBODY, FITTED, SIZED, model_prototype
+from ..core.point_labelling.cloud_labeller import CloudLabeller
+from ..core.point_labelling.natural_poses import ANYBODY, FITTED, model_prototype
 from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
 from ..tracking.auto_size import AutoSize
-from ..tracking.recent_clouds import RecentClouds
+from ..tracking.point_labels import hand_prototype
 from .capture_fit import fit_to_capture
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
@@ -62,7 +62,7 @@ class NamedMarkers(NamedTuple):
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
     fitted : Hand or None
-        To the joints of the first part; None where they are not known.
+        To the joints of the first part; None where they are not known, or no hand fits them.
     """
 
     name: str
@@ -337,32 +337,17 @@ def judge(trial: LabellingTrial, seed: int) -> list[Row]:
 def _stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
                    rate: float) -> np.ndarray:
     """Return the labels of consecutive frames, (frames, hands, M)."""
-    labeller = CloudLabeller(trial.prototypes)
-    learn = _size_learner(labeller) if trial.learned == 'model' else None
+    labeller, layout = CloudLabeller(trial.prototypes), MarkerLayout()
+    size = AutoSize(Hand.scaled(side=trial.recordings[0].side), layout)
     rows = []
     for i in frames:
         labels = labeller.update(made.points[i], i / rate)
         rows.append(labels.rows)
-        if learn is not None:
-            learn(made.points[i], labels, i / rate)
+        if trial.learned == 'model' and size.is_learning:
+            hand = size.add(labels.places[0], i / rate, made.points[i])
+            if hand is not None and size.is_confirmed:
+                labeller.replace_prototype(0, hand_prototype(hand, layout))
     return np.array(rows)
-
-
-def _size_learner(labeller: CloudLabeller) -> Callable[[np.ndarray, CloudLabels, float], None]:
-    """Return what learns a hand's size from each frame's points, labels and time, as a tracker."""
-    (usual,), layout, recent = labeller.prototypes, MarkerLayout(), RecentClouds()
-    size = AutoSize(Hand.scaled(side=usual.side), layout)
-
-    def learn(points: np.ndarray, labels: CloudLabels, time: float) -> None:
-        if not size.is_learning:
-            return
-        if labels.found[0]:
-            recent.add(points, labels.places[0], time)
-        hand = size.add(labels.places[0], time, lambda _: recent.confirm(usual))
-        if hand is not None:
-            labeller.replace_prototype(0, model_prototype(hand, layout, MARKERS, SIZED))
-
-    return learn
 
 
 def _finding_times(trial: LabellingTrial, made: Clouds, rate: float,

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from threading import Thread
+from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.least_squares import evenly_spaced
 from ..calibration.size import fit_size
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+from .label_confirmation import are_confirmed
+from .point_labels import hand_prototype
 
 # [s] with the whole palm seen after which the size is estimated; after the last it is kept.
 LEARNING_TIMES = (1., 2.5, 5.)
-MOST_REFUSALS = 6     # of estimates, after which the size stays as it is; ours
 SAMPLE_PERIOD = .02  # [s] between two frames that are kept
+CHECKED_CLOUDS = 12  # frames whose labels are checked, of points without labels
+MOST_REFUSALS = 6    # of estimates by wrong labels, after which no other is made; ours
+
+
+class _Estimate(NamedTuple):
+    """Estimated hand, None where the markers tell none, and whether its labels are confirmed."""
+
+    hand: Hand | None
+    are_labels_confirmed: bool | None
 
 
 class AutoSize:
@@ -33,22 +44,32 @@ class AutoSize:
     ----------
     is_learning : bool
         Whether another estimate is to come.
+    is_confirmed : bool
+        Whether points may be labelled by the last hand of `add`: single frames confirm the labels
+        that it is estimated from.
+    is_refused : bool
+        Whether the last estimate was refused, as single frames contradict its labels.
     """
 
     def __init__(self, hand: Hand, layout: MarkerLayout, in_background: bool = False) -> None:
         self.is_learning = True
+        self.is_confirmed = self.is_refused = False
         self._hand, self._layout, self._in_background = hand, layout, in_background
         self._palm = list(layout.principal[:len(PALM_MARKERS)])
+        self._refusals = 0
+        self._estimates = False     # until the estimate is taken
+        self._estimate: _Estimate | None = None
+        self._begin()
+
+    def _begin(self) -> None:
         self._kept: list[np.ndarray] = []
+        self._clouds: list[tuple[np.ndarray, np.ndarray]] = []
         self._seen_for = 0.
         self._last: float | None = None
         self._due = list(LEARNING_TIMES)
-        self._refusals = 0
-        self._fits = self._is_refused = False
-        self._found: Hand | None = None
 
     def add(self, markers: np.ndarray, time: float | None,
-            accepts: Callable[[Hand], bool] | None = None) -> Hand | None:
+            cloud: np.ndarray | None = None) -> Hand | None:
         """Take a frame.
 
         Parameters
@@ -57,33 +78,35 @@ class AutoSize:
             In the order of the layout, NaN where not seen [m].
         time : float or None
             Of the frame; frames without a time are not counted [s].
-        accepts : callable, optional
-            Returns whether a hand of the size estimated may be taken, in the thread that
-            estimates; where not, learning starts anew.
+        cloud : ndarray, shape (m, 3), optional
+            The points among which the markers were labelled by the hand's shape. An estimate by
+            labels that single frames contradict is refused, and learning begins anew; one that was
+            taken before stays.
 
         Returns
         -------
         Hand or None
             A hand of the size estimated since the last frame, None where there is none.
         """
+        found = self._take_estimate()
         if self._due and time is not None:
-            self._keep(markers, time)
-        if self._due and self._seen_for >= self._due[0] and not self._fits:
+            self._keep(markers, time, cloud)
+        if self._due and self._seen_for >= self._due[0] and not self._estimates:
             self._due.pop(0)
-            self._fits = True
+            self._estimates = True
             frames = np.array(self._kept)
+            clouds = [self._clouds[i] for i in evenly_spaced(len(self._clouds), CHECKED_CLOUDS)
+                      ] if self._clouds else []
             if self._in_background:
-                Thread(target=self._fit, args=(frames, accepts), name='fit size',
+                Thread(target=self._fit, args=(frames, clouds), name='fit size',
                        daemon=True).start()
             else:
-                self._fit(frames, accepts)
-        found, self._found = self._found, None
-        if self._is_refused:
-            self._start_anew()
-        self.is_learning = bool(self._due) or self._fits or self._found is not None
+                self._fit(frames, clouds)
+                found = self._take_estimate()
+        self.is_learning = bool(self._due) or self._estimates
         return found
 
-    def _keep(self, markers: np.ndarray, time: float) -> None:
+    def _keep(self, markers: np.ndarray, time: float, cloud: np.ndarray | None) -> None:
         if not np.isfinite(markers[self._palm]).all():
             self._last = None
             return
@@ -94,18 +117,32 @@ class AutoSize:
             self._seen_for += min(step, 2. * SAMPLE_PERIOD)
             self._last = time
             self._kept.append(markers.copy())
+            if cloud is not None:
+                self._clouds.append((cloud, self._kept[-1]))
 
-    def _start_anew(self) -> None:
-        """Forget the frames so far, which were not of the hand; give up after some times."""
-        self._is_refused = False
+    def _fit(self, frames: np.ndarray, clouds: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        estimate = _Estimate(None, None)
+        try:
+            hand, are_right = fit_size(frames, self._hand, self._layout), None
+            if hand is not None and clouds:
+                are_right = are_confirmed(clouds, hand_prototype(self._hand, self._layout))
+            if are_right:
+                hand_prototype(hand, self._layout)  # so that no frame waits for it
+            estimate = _Estimate(hand, are_right)
+        finally:
+            self._estimate = estimate
+
+    def _take_estimate(self) -> Hand | None:
+        """Return the hand of an estimate that has come and is not refused."""
+        if self._estimate is None:
+            return None
+        hand, are_right = self._estimate
+        self._estimate, self._estimates = None, False
+        self.is_confirmed, self.is_refused = bool(are_right), are_right is False
+        if not self.is_refused:
+            return hand
         self._refusals += 1
-        self._kept.clear()
-        self._seen_for, self._last = 0., None
-        self._due = list(LEARNING_TIMES) if self._refusals < MOST_REFUSALS else []
-
-    def _fit(self, frames: np.ndarray, accepts: Callable[[Hand], bool] | None) -> None:
-        found = fit_size(frames, self._hand, self._layout)
-        self._is_refused = found is not None and accepts is not None and not accepts(found)
-        if not self._is_refused:
-            self._found = found
-        self._fits = False
+        self._begin()
+        if self._refusals >= MOST_REFUSALS:
+            self._due.clear()
+        return None

@@ -17,7 +17,6 @@ from ..core.point_labelling.prototypes import HandPrototype
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
-from .recent_clouds import RecentClouds
 from .setting_names import PARAMETER_NAMES, SettingNames
 
 SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
@@ -46,15 +45,16 @@ def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:
 
 
 @lru_cache(maxsize=8)
-def _prototype(hand: Hand, layout: MarkerLayout) -> HandPrototype:
-    """Return the prototype of a hand, kept as it takes tenths of a second."""
+def hand_prototype(hand: Hand, layout: MarkerLayout) -> HandPrototype:
+    """Return the prototype to label a hand by, kept as it takes tenths of a second.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+        All of its markers are labelled.
+    """
     return model_prototype(hand, layout, tuple(layout.names), tolerances_of(hand))
-
-
-@lru_cache(maxsize=4)
-def _usual_prototype(side: str, layout: MarkerLayout) -> HandPrototype:
-    """Return the prototype of a hand of anybody."""
-    return model_prototype(Hand.scaled(side=side), layout, tuple(layout.names))
 
 
 class PointLabels:
@@ -85,7 +85,7 @@ class PointLabels:
             Of all hands.
         """
         self._points = points
-        former, new = self._prototypes.get(hand.side), _prototype(hand, layout)
+        former, new = self._prototypes.get(hand.side), hand_prototype(hand, layout)
         self._prototypes[hand.side] = new
         if former is None or former.names != new.names:
             self._labeller = None
@@ -129,6 +129,26 @@ class PointLabels:
         return frame, labels.places[number], labels.found[number], labels.other_side[number]
 
 
+    def cloud_of(self, side: str) -> np.ndarray | None:
+        """Return the points of the last message without those labelled as of another hand.
+
+        Parameters
+        ----------
+        side : {'right', 'left'}
+
+        Returns
+        -------
+        ndarray, shape (n, 3), or None
+            None where the message had none [m].
+        """
+        frame, labels = self._labelled or (None, None)
+        if frame is None or labels is None:
+            return None
+        others = [rows[rows >= 0] for number, rows in enumerate(labels.rows)
+                  if number != self._number(side)]
+        return np.delete(frame.points, np.concatenate(others), axis=0) if others else frame.points
+
+
 class PointLabelReader:
     """Read the hand's markers from messages of points without labels.
 
@@ -153,7 +173,6 @@ class PointLabelReader:
         self._labels = labels or PointLabels()
         self._labels.set_hand(hand, layout, points)
         self._side, self._layout, self._points, self._settings = hand.side, layout, points, names
-        self._recent = RecentClouds()
         self._searched_since: float | None = None
         self._asked = False
         self._log_lines: list[tuple[bool, str]] = []
@@ -162,23 +181,13 @@ class PointLabelReader:
         """Return the markers of a message; those not found are not seen."""
         frame, places, found, other_side = self._labels.read(message, self._side)
         if frame.stamp is not None:
-            time = seconds(frame.stamp)
-            self._note(time, found, len(frame.points), other_side)
-            if found and time is not None:
-                self._recent.add(frame.points, places, time)
+            self._note(seconds(frame.stamp), found, len(frame.points), other_side)
         return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, ())
 
-    def accepts(self, hand: Hand) -> bool:
-        """Return whether a hand may be labelled by whose size its labels told; any thread may ask.
-
-        Parameters
-        ----------
-        hand : Hand
-        """
-        if not self._recent.confirm(_usual_prototype(self._side, self._layout)):
-            return False
-        _prototype(hand, self._layout)  # so that no frame waits for it
-        return True
+    @property
+    def cloud(self) -> np.ndarray | None:
+        """The points of the last message but those of another hand, (n, 3) [m]; None without."""
+        return self._labels.cloud_of(self._side)
 
     def replace_hand(self, hand: Hand) -> None:
         """Label by another hand of this side from now on, such as one of the wearer's size."""

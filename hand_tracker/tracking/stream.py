@@ -293,16 +293,24 @@ class Stream:
 
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
-        sized = self._auto_size.add(markers, time, self._accepts)
+        reader = self.reader if isinstance(self.reader, PointLabelReader) else None
+        sized = self._auto_size.add(markers, time, None if reader is None else reader.cloud)
         if sized is not None:
             now = self.tracker.hand
-            self._change_hand(sized.replace(limits=now.limits, coupling=now.coupling))
-            if isinstance(self.reader, PointLabelReader):
-                self.reader.replace_hand(sized)
+            if not (np.array_equal(sized.limits, now.limits)
+                    and np.array_equal(sized.coupling, now.coupling)):
+                sized = sized.replace(limits=now.limits, coupling=now.coupling)
+            self._change_hand(sized)
+            if reader is not None and self._auto_size.is_confirmed:
+                reader.replace_hand(sized)
             self._is_sized = True
         if self._auto_size.is_learning or not self.tracker.placed:
             return
-        if not self._is_sized:
+        if not self._is_sized and self._auto_size.is_refused:
+            self._log_lines.append((True, 'the size of the hand is not learned, as single frames '
+                                    'contradict the labels of the points: it is that of the mean '
+                                    'hand, unless a size or a hand file is given'))
+        elif not self._is_sized:
             self._log_lines.append((False, "these markers do not tell the hand's size: it is that "
                                     'of the mean hand, unless a size or a hand file is given'))
         else:
@@ -310,11 +318,6 @@ class Stream:
             self._log_lines.append((False, 'the size of the hand is learned: '
                                     f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                     'knuckles of index and little finger'))
-
-    def _accepts(self, sized: Hand) -> bool:
-        """Return whether a learned size may be taken: not where it is by wrong labels."""
-        reader = self.reader
-        return not isinstance(reader, PointLabelReader) or reader.accepts(sized)
 
     @property
     def is_compiled(self) -> bool:

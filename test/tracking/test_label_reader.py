@@ -1,5 +1,7 @@
 """Points without usable labels: whether labels change, and markers of any layout."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.hands import hand_at
@@ -174,3 +176,23 @@ def test_the_markers_of_any_layout_are_read():
     assert np.array_equal(positions, places, equal_nan=True)
     assert reader.pop_log_lines() == [
         (False, 'the right hand is found among 30 points without labels')]
+
+
+def test_the_cloud_of_a_hand_lacks_what_is_labelled_as_the_other_hand():
+    layout, cloud = preset_layout('paper8'), np.random.default_rng(2).uniform(size=(20, 3))
+    rows = np.array([0, 1, 2, 3, 4, 5, -1, 7]), np.array([8, 9, 10, -1, 12, 13, 14, 15])
+    labels = CloudLabels(rows, tuple(cloud[one] for one in rows), (True, True), (False, False))
+    points = SimpleNamespace(read=lambda message: PointFrame(
+        Stamp(1, 0), 'mocap', cloud, np.arange(20), ()))
+    both = PointLabels()
+    readers = [PointLabelReader(Hand.scaled(side=side), layout, points, both)
+               for side in ('right', 'left')]
+    both._labeller = SimpleNamespace(update=lambda *_: labels)
+    assert readers[0].cloud is None
+    for reader in readers:
+        reader.read(b'')
+    assert np.array_equal(readers[0].cloud, np.delete(cloud, [8, 9, 10, 12, 13, 14, 15], axis=0))
+    assert np.array_equal(readers[1].cloud, np.delete(cloud, [0, 1, 2, 3, 4, 5, 7], axis=0))
+    alone = PointLabelReader(Hand.scaled(), layout, points)
+    alone.read(b'')
+    assert alone.cloud is cloud

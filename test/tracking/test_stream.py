@@ -16,6 +16,7 @@ from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame
 from hand_tracker.messages.stamps import Stamp, stamp_of
 from hand_tracker.simulation.motions import motion_named
+from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
 from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
@@ -139,10 +140,10 @@ def test_a_tracker_that_begins_anew_without_a_palm(stream):
 def test_a_learned_size_keeps_limits_and_coupling():
     sizes = [None, Hand.scaled(.2), None, Hand.scaled(.21)]
     given = []
-    auto_size = SimpleNamespace(is_learning=True)
+    auto_size = SimpleNamespace(is_learning=True, is_refused=False)
 
-    def add(positions, time, accepts):
-        assert accepts(Hand.scaled())  # as the markers have labels
+    def add(positions, time, cloud):
+        assert cloud is None  # as the markers have labels
         given.append((positions, time))
         auto_size.is_learning = len(given) < len(sizes)
         return sizes[len(given) - 1]
@@ -182,8 +183,8 @@ def test_no_angle_jumps_where_the_size_is_learned():
 
 
 @pytest.mark.parametrize('are_right', [True, False])
-def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(are_right):
-    """Wrong are labels that single frames do not confirm."""
+def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(
+        are_right, monkeypatch):
     hand, period = Hand.scaled(.205, .095), .01
     angles, *wrist = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
     positions = markers_of(hand, angles, None, *wrist)
@@ -193,7 +194,7 @@ def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(are_
                               labels)
     stream = Stream(Tracker(), reader, AutoSize(mean, MarkerLayout()))
     if not are_right:
-        reader._recent.confirm = lambda prototype: False
+        monkeypatch.setattr(auto_size_module, 'are_confirmed', lambda *_: False)
     for number, points in enumerate(positions):
         frame = stream.track(PointFrame(stamp_of(round(1e9 * (1. + number * period))), 'mocap',
                                         points[::-1], np.full(8, -1), ()), 2., no_receipt)
@@ -202,7 +203,8 @@ def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(are_
     assert tuple(labels._labeller.prototypes[0].statistics.sizes) == tolerances.sizes
     assert len(stream.tracker.configured) == (3 if are_right else 0)
     (is_warning, line), _ = stream.pop_log_lines()
-    assert not is_warning and ('is learned' if are_right else 'do not tell') in line
+    assert (is_warning, ('is learned' if are_right else 'is not learned') in line) == (
+        not are_right, True)
 
 
 def test_a_size_that_was_given(stream):

@@ -192,7 +192,10 @@ def reset_palm_gaps(prototype: Prototype, track: HandTrack, i: int) -> None:
 
 @labelling_jit
 def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> None:
-    """Initialise the markers' places from the labels; hidden ones at their conditional mean."""
+    """Initialise the markers' places from the labels; hidden ones at their conditional mean.
+
+    Palm markers that had no label before, by `seen_for`, get the template's distances.
+    """
     rows = track.finding.rows
     local = np.empty((len(points), 3))
     to_palm_frame(points, track.finding.rotation, track.finding.position,
