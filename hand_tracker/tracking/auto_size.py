@@ -18,6 +18,7 @@ from .point_labels import hand_prototype
 LEARNING_TIMES = (1., 2.5, 5.)
 SAMPLE_PERIOD = .02  # [s] between two frames that are kept
 CHECKED_CLOUDS = 12  # frames whose labels are checked, of points without labels
+CHECKED_POINTS = 100    # of such a frame: a search among more takes longer than a frame may
 MOST_REFUSALS = 6    # of estimates by wrong labels, after which no other is made; ours
 
 
@@ -117,7 +118,7 @@ class AutoSize:
             self._seen_for += min(step, 2. * SAMPLE_PERIOD)
             self._last = time
             self._kept.append(markers.copy())
-            if cloud is not None:
+            if cloud is not None and len(cloud) <= CHECKED_POINTS:
                 self._clouds.append((cloud, self._kept[-1]))
 
     def _fit(self, frames: np.ndarray, clouds: list[tuple[np.ndarray, np.ndarray]]) -> None:

@@ -14,6 +14,7 @@ from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import auto_size as module
 from hand_tracker.tracking.auto_size import (
     CHECKED_CLOUDS,
+    CHECKED_POINTS,
     LEARNING_TIMES,
     MOST_REFUSALS,
     AutoSize,
@@ -116,6 +117,16 @@ def test_an_estimate_by_labels_that_no_frame_tells_of_is_taken_and_not_confirmed
     found = [size.add(frame, time, frame) for time, frame in zip(times, markers)]
     assert sum(hand is not None for hand in found) == 1
     assert not size.is_confirmed and not size.is_refused
+
+
+def test_frames_of_too_many_points_are_not_kept_to_be_checked(monkeypatch):
+    asked = verdicts(monkeypatch, False)
+    times, markers = markers_of(Hand.scaled(.2, .092), 2.)
+    size = AutoSize(Hand.scaled(), MarkerLayout())
+    cloud = np.zeros((CHECKED_POINTS + 1, 3))
+    found = [size.add(frame, time, cloud) for time, frame in zip(times, markers)]
+    assert sum(hand is not None for hand in found) == 1 and not size.is_confirmed
+    assert not asked and not size._clouds
 
 
 def test_a_refusal_that_comes_late_is_of_all_frames_before_it(monkeypatch):
