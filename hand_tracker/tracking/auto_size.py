@@ -16,10 +16,10 @@ from .point_labels import hand_prototype
 
 # [s] with the whole palm seen after which the size is estimated; after the last it is kept.
 LEARNING_TIMES = (1., 2.5, 5.)
-SAMPLE_PERIOD = .02  # [s] between two frames that are kept
-CHECKED_CLOUDS = 12  # frames whose labels are checked, of points without labels
+SAMPLE_PERIOD = .02     # [s] between two frames that are kept
+CHECKED_CLOUDS = 12     # frames whose labels are checked, of points without labels
 CHECKED_POINTS = 100    # of such a frame: a search among more takes longer than a frame may
-MOST_REFUSALS = 6    # of estimates by wrong labels, after which no other is made; ours
+MOST_REFUSALS = 6       # of estimates by wrong labels, after which no other is made; ours
 
 
 class _Estimate(NamedTuple):

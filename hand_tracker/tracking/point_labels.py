@@ -128,7 +128,6 @@ class PointLabels:
         number = self._number(side)
         return frame, labels.places[number], labels.found[number], labels.other_side[number]
 
-
     def cloud_of(self, side: str) -> np.ndarray | None:
         """Return the points of the last message without those labelled as of another hand.
 
