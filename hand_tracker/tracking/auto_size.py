@@ -58,7 +58,7 @@ class AutoSize:
         self._hand, self._layout, self._in_background = hand, layout, in_background
         self._palm = list(layout.principal[:len(PALM_MARKERS)])
         self._refusals = 0
-        self._estimates = False     # until the estimate is taken
+        self._is_estimating = False     # until the estimate is taken
         self._estimate: _Estimate | None = None
         self._begin()
 
@@ -92,9 +92,9 @@ class AutoSize:
         found = self._take_estimate()
         if self._due and time is not None:
             self._keep(markers, time, cloud)
-        if self._due and self._seen_for >= self._due[0] and not self._estimates:
+        if self._due and self._seen_for >= self._due[0] and not self._is_estimating:
             self._due.pop(0)
-            self._estimates = True
+            self._is_estimating = True
             frames = np.array(self._kept)
             clouds = [self._clouds[i] for i in evenly_spaced(len(self._clouds), CHECKED_CLOUDS)
                       ] if self._clouds else []
@@ -104,7 +104,7 @@ class AutoSize:
             else:
                 self._fit(frames, clouds)
                 found = self._take_estimate()
-        self.is_learning = bool(self._due) or self._estimates
+        self.is_learning = bool(self._due) or self._is_estimating
         return found
 
     def _keep(self, markers: np.ndarray, time: float, cloud: np.ndarray | None) -> None:
@@ -138,7 +138,7 @@ class AutoSize:
         if self._estimate is None:
             return None
         hand, are_right = self._estimate
-        self._estimate, self._estimates = None, False
+        self._estimate, self._is_estimating = None, False
         self.is_confirmed, self.is_refused = bool(are_right), are_right is False
         if not self.is_refused:
             return hand
