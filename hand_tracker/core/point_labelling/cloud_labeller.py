@@ -34,6 +34,7 @@ from .palm_search import (
 from .posture import count_seen
 from .prototypes import HandPrototype, Prototype
 from .side_evidence import OTHER_SIDE_LEAD, SideEvidence
+from .wearer_postures import WearerPostures
 
 FARTHEST_POINT = 1e3         # [m] on each axis; points beyond are left out
 LONGEST_PAUSE = .25          # [s] gap between frames after which all tracks are dropped
@@ -111,6 +112,7 @@ class _Hand:
 
     def __init__(self, prototype: HandPrototype, first_marker: int) -> None:
         self._label_by(prototype)
+        self.postures = WearerPostures(prototype)
         self.first_marker = first_marker    # among those of all hands
         self.count = len(prototype.names)
         self.side = SideEvidence(self.statistics, self.mirrored)
@@ -124,12 +126,31 @@ class _Hand:
 
     def replace_prototype(self, prototype: HandPrototype, points: np.ndarray) -> None:
         """Go on with another prototype of the same markers, from the points of the last frame."""
+        self.postures = WearerPostures(prototype)
+        self._continue_by(prototype, points)
+
+    def _continue_by(self, prototype: HandPrototype, points: np.ndarray) -> None:
         self._label_by(prototype)
         self.side.judge_by(self.statistics, self.mirrored)
         if not self.confirmed:
             self.lose()
         elif self.track is not None:
             kernel(renew_places)(self.statistics, points, self.track)
+
+    def learn_posture(self, points: np.ndarray, step: float) -> None:
+        """Learn from the posture in a frame of points, a time step [s] after the last one."""
+        if self.confirmed and self.track is not None:
+            mixed = self.postures.add(self.track, self.prototype, step)
+            if mixed is not None:
+                self._continue_by(mixed, points)
+
+    def forget(self) -> None:
+        """Drop the track, and what is known of the wearer."""
+        self.lose()
+        self.side.forget()
+        self._label_by(self.postures.prototype)
+        self.postures = WearerPostures(self.prototype)
+        self.side.judge_by(self.statistics, self.mirrored)
 
     def lose(self) -> None:
         """Drop the track; the hand is searched from the next frame on."""
@@ -217,7 +238,7 @@ class CloudLabeller:
     @property
     def prototypes(self) -> tuple[HandPrototype, ...]:
         """The hands' prototypes."""
-        return tuple(hand.prototype for hand in self._hands)
+        return tuple(hand.postures.prototype for hand in self._hands)
 
     def replace_prototype(self, index: int, prototype: HandPrototype) -> None:
         """Replace a hand's prototype, such as by one of its size; a followed hand keeps its labels.
@@ -241,11 +262,10 @@ class CloudLabeller:
         hand.replace_prototype(prototype, self._last.points)
 
     def reset(self) -> None:
-        """Drop all tracks, and the evidence on the hands' sides."""
+        """Drop all tracks, the evidence on the hands' sides, and the wearer's postures."""
         self._time = None
         for hand in self._hands:
-            hand.lose()
-            hand.side.forget()
+            hand.forget()
 
     def update(self, points: ArrayLike, time: float | None = None,
                ids: ArrayLike | None = None) -> CloudLabels:
@@ -286,6 +306,8 @@ class CloudLabeller:
         self._follow(frame, step)
         self._search(frame)
         self._review_together(frame)
+        for hand in self._hands:
+            hand.learn_posture(frame.points, step)
         self._last, self._last_step = frame, step
         rows = tuple(hand.track.finding.rows.copy() if hand.track is not None and hand.confirmed
                      else np.full(hand.count, -1) for hand in self._hands)

@@ -7,7 +7,7 @@ of a finger and of its neighbours predict its hidden ones.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,11 +99,14 @@ class HandPrototype:
     side : {'right', 'left'}
     statistics : Prototype
         In the palm's frame of that side.
+    tolerance : ndarray, shape (M, M)
+        Covariance on each axis that is added to that of frames, which never show all [m²].
     """
 
     names: tuple[str, ...]
     side: str
     statistics: Prototype
+    tolerance: np.ndarray
 
     def mirrored(self) -> 'HandPrototype':
         """Return the prototype of the mirrored hand, of the other side."""
@@ -115,6 +118,27 @@ class HandPrototype:
                 template=one.template * LEFT_HAND_MIRROR,
                 precision=one.precision * np.outer(signs, signs),
                 marginal=one.marginal * np.outer(LEFT_HAND_MIRROR, LEFT_HAND_MIRROR)))
+
+    def mixed_with(self, mean: np.ndarray, covariance: np.ndarray,
+                   share: float) -> 'HandPrototype':
+        """Return the prototype of these postures and of others, as one normal distribution.
+
+        Parameters
+        ----------
+        mean : ndarray, shape (3 M,)
+            Of the other postures, in the palm's frame [m].
+        covariance : ndarray, shape (3 M, 3 M)
+            Theirs; the tolerance is added [m²].
+        share : float
+            Of the other postures in the mixture.
+        """
+        one = self.statistics
+        off = mean - one.template.ravel()
+        mixture = ((1. - share) * np.linalg.inv(one.precision)
+                   + share * (covariance + np.kron(self.tolerance, np.eye(3)))
+                   + share * (1. - share) * np.outer(off, off))
+        return replace(self, statistics=one._replace(
+            template=one.template + share * off.reshape(-1, 3), **_densities(mixture)))
 
 
 def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[int], side: str,
@@ -166,16 +190,26 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     extra = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
     extra += np.diag(np.where(digit < 0, of_palm, of_marker))
     shown = off.T @ off / len(off)
-    covariance = shown + np.kron(extra, np.eye(3)) + _not_shown(shown, template, digit)
-    precision = np.linalg.inv(covariance)
-    alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
-    distances = np.einsum('ni,ij,nj->n', off, precision, off)
+    densities = _densities(
+        shown + np.kron(extra, np.eye(3)) + _not_shown(shown, template, digit))
+    distances = np.einsum('ni,ij,nj->n', off, densities['precision'], off)
+    links, lengths = _links(
+        template, local, digit, shape, _lacking(shown, bending(template, digit), digit))
     return HandPrototype(tuple(names), side, Prototype(
-        template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
-        pair_tolerances, precision, float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
-        np.linalg.slogdet(alone)[1], np.array(sizes),
-        float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
-        *_links(template, local, digit, shape, _lacking(shown, bending(template, digit), digit))))
+        template=template, rigid=rigid, bases=np.array(palm)[bases], sides=tolerances,
+        pairs=np.array(palm)[pairs], pair_sides=pair_tolerances, **densities,
+        sizes=np.array(sizes),
+        typical=float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
+        links=links, lengths=lengths), extra)
+
+
+def _densities(covariance: np.ndarray) -> dict[str, Any]:
+    """Return the fields of a `Prototype` that follow from its covariance, (3 M, 3 M) [m²]."""
+    alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
+    return {'precision': np.linalg.inv(covariance),
+            'constant': float(np.linalg.slogdet(covariance)[1]),
+            'marginal': np.linalg.inv(alone),
+            'marginal_constant': np.linalg.slogdet(alone)[1]}
 
 
 def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: float,
