@@ -14,6 +14,7 @@ FIRST_POSTURES = 20         # postures at which the prototype is first mixed; th
 REMEMBERED_POSTURES = 1200  # after which the oldest fade, and the prototype is mixed anew; ours
 WEARER_SHARE = .4           # of the wearer's postures in the prototype; ours
 SURE_SHARE = .6             # least share of markers that are surely labelled; ours
+SETTLED_TIME = 2.           # [s] with a label, in which a rival would have replaced a wrong one
 
 
 class WearerPostures:
@@ -54,7 +55,8 @@ class WearerPostures:
         self._waited += step
         if self._waited < POSTURE_PERIOD or not self._is_sure(track):
             return None
-        sure = (track.hidden_for <= 0.) & (track.finding.rows >= 0) & np.isinf(track.returns.age)
+        sure = ((track.hidden_for <= 0.) & (track.finding.rows >= 0) & np.isinf(track.returns.age)
+                & (track.seen_for >= SETTLED_TIME))
         if not sure[self._rigid].all() or sure.mean() < SURE_SHARE:
             return None
         self._waited = 0.
