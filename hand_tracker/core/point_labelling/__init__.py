@@ -6,5 +6,6 @@ neighbouring markers on a digit), `palm_search` (hands in a single frame), `clut
 hand), `hand_track` (state and prediction of a followed hand), `pair_search` (hands with two palm
 markers seen), `returns` (markers that reappear after occlusion), `point_costs` (each point as each
 marker), `rivals` (competing labellings), `following` (data association over frames),
-`side_evidence` (right or left hand), `cloud_labeller` (all of it, for one or two hands).
+`side_evidence` (right or left hand), `wearer_postures` (what the wearer does, learned in use),
+`cloud_labeller` (all of it, for one or two hands).
 """

@@ -111,46 +111,42 @@ class _Hand:
     """State of one hand: prototype, track, and progress of its search."""
 
     def __init__(self, prototype: HandPrototype, first_marker: int) -> None:
-        self._label_by(prototype)
-        self.postures = WearerPostures(prototype)
         self.first_marker = first_marker    # among those of all hands
         self.count = len(prototype.names)
-        self.side = SideEvidence(self.statistics, self.mirrored)
+        self.side = SideEvidence(prototype.statistics, prototype.mirrored().statistics)
         self.by_pairs = False   # search by pairs of palm markers, not triangles
         self.lose()
-
-    def _label_by(self, prototype: HandPrototype) -> None:
-        self.prototype = prototype
-        self.statistics: Prototype = prototype.statistics
-        self.mirrored: Prototype = prototype.mirrored().statistics
+        self.replace_prototype(prototype, np.empty((0, 3)))
 
     def replace_prototype(self, prototype: HandPrototype, points: np.ndarray) -> None:
         """Go on with another prototype of the same markers, from the points of the last frame."""
+        # Learned postures are in the frame of the former template.
         self.postures = WearerPostures(prototype)
-        self._continue_by(prototype, points)
-
-    def _continue_by(self, prototype: HandPrototype, points: np.ndarray) -> None:
         self._label_by(prototype)
-        self.side.judge_by(self.statistics, self.mirrored)
         if not self.confirmed:
             self.lose()
         elif self.track is not None:
             kernel(renew_places)(self.statistics, points, self.track)
 
-    def learn_posture(self, points: np.ndarray, step: float) -> None:
-        """Learn from the posture in a frame of points, a time step [s] after the last one."""
-        if self.confirmed and self.track is not None:
-            mixed = self.postures.add(self.track, self.prototype, step)
-            if mixed is not None:
-                self._continue_by(mixed, points)
-
-    def forget(self) -> None:
-        """Drop the track, and what is known of the wearer."""
-        self.lose()
-        self.side.forget()
-        self._label_by(self.postures.prototype)
-        self.postures = WearerPostures(self.prototype)
+    def _label_by(self, prototype: HandPrototype) -> None:
+        self.prototype = prototype
+        self.statistics: Prototype = prototype.statistics
+        self.mirrored: Prototype = prototype.mirrored().statistics
         self.side.judge_by(self.statistics, self.mirrored)
+
+    def learn_posture(self, step: float) -> None:
+        """Learn from the posture in a frame, a time step [s] after the last one."""
+        if self.track is None or not self.confirmed or self.side.lead > 0.:
+            return
+        mixed = self.postures.add(self.track, self.prototype, step)
+        if mixed is not None:
+            # The palm hardly changes: places and evidence stay.
+            self._label_by(mixed)
+
+    def forget_postures(self) -> None:
+        """Search on without the wearer's postures; the track is dropped."""
+        self.lose()
+        self.replace_prototype(self.postures.prototype, np.empty((0, 3)))
 
     def lose(self) -> None:
         """Drop the track; the hand is searched from the next frame on."""
@@ -237,7 +233,7 @@ class CloudLabeller:
 
     @property
     def prototypes(self) -> tuple[HandPrototype, ...]:
-        """The hands' prototypes."""
+        """The hands' prototypes, without the wearer's postures."""
         return tuple(hand.postures.prototype for hand in self._hands)
 
     def replace_prototype(self, index: int, prototype: HandPrototype) -> None:
@@ -265,7 +261,8 @@ class CloudLabeller:
         """Drop all tracks, the evidence on the hands' sides, and the wearer's postures."""
         self._time = None
         for hand in self._hands:
-            hand.forget()
+            hand.side.forget()
+            hand.forget_postures()
 
     def update(self, points: ArrayLike, time: float | None = None,
                ids: ArrayLike | None = None) -> CloudLabels:
@@ -307,13 +304,13 @@ class CloudLabeller:
         self._search(frame)
         self._review_together(frame)
         for hand in self._hands:
-            hand.learn_posture(frame.points, step)
+            hand.learn_posture(step)
         self._last, self._last_step = frame, step
         rows = tuple(hand.track.finding.rows.copy() if hand.track is not None and hand.confirmed
                      else np.full(hand.count, -1) for hand in self._hands)
         if kept is not None and len(kept):
             rows = tuple(np.where(own >= 0, kept[own], -1) for own in rows)
-        return CloudLabels(rows, tuple(all_points[own] for own in rows),
+        return CloudLabels(rows, tuple(all_points.take(own, axis=0) for own in rows),
                            tuple(hand.confirmed for hand in self._hands),
                            tuple(hand.side.is_other_side for hand in self._hands))
 
@@ -326,6 +323,8 @@ class CloudLabeller:
         if not 0. <= step <= LONGEST_PAUSE:
             for hand in self._hands:
                 hand.lose()
+                if step < 0.:   # as where a recording begins anew
+                    hand.forget_postures()
             return UNTIMED_STEP
         return step or UNTIMED_STEP  # repeated stamps give no step
 
@@ -510,7 +509,7 @@ class CloudLabeller:
         return float(hand.track.finding.cost[0] - found.cost[0]), found
 
     def label_frame(self, points: ArrayLike, budget: int = sys.maxsize) -> CloudLabels:
-        """Label the points of a single frame, without history.
+        """Label the points of a single frame, without those of earlier frames.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ of a finger and of its neighbours predict its hidden ones.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,7 @@ MIN_BASE_AREA = 2e-4        # [m²]
 MAX_PALM_PAIRS = 6          # for the search where no triangle is seen
 MIN_PAIR_GAP = .02          # [m]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
+LEAST_TYPICAL = .5          # [1] typical distance in the gates of a followed hand, at least; ours
 BENDING_SHARE = .03         # share of natural variance from which a digit counts as bending; ours
 LINK_DEVIATION = .003       # [m] of a link's length, besides what frames show; ours
 BENT_DEVIATION = .006       # [m] added for a digit that frames do not show bending; ours
@@ -99,14 +100,15 @@ class HandPrototype:
     side : {'right', 'left'}
     statistics : Prototype
         In the palm's frame of that side.
-    tolerance : ndarray, shape (M, M)
-        Covariance on each axis that is added to that of frames, which never show all [m²].
+    added_covariance : ndarray, shape (M, M)
+        Of each two markers on each axis, added to that of frames, which never show all that a hand
+        does [m²].
     """
 
     names: tuple[str, ...]
     side: str
     statistics: Prototype
-    tolerance: np.ndarray
+    added_covariance: np.ndarray
 
     def mirrored(self) -> 'HandPrototype':
         """Return the prototype of the mirrored hand, of the other side."""
@@ -123,22 +125,27 @@ class HandPrototype:
                    share: float) -> 'HandPrototype':
         """Return the prototype of these postures and of others, as one normal distribution.
 
+        Shape and typical distance stay: the mixture's distance of a posture is at most that of this
+        prototype from the mixture's mean, over 1 - `share`.
+
         Parameters
         ----------
         mean : ndarray, shape (3 M,)
             Of the other postures, in the palm's frame [m].
         covariance : ndarray, shape (3 M, 3 M)
-            Theirs; the tolerance is added [m²].
+            Theirs; `added_covariance` is added [m²].
         share : float
             Of the other postures in the mixture.
         """
         one = self.statistics
         off = mean - one.template.ravel()
-        mixture = ((1. - share) * np.linalg.inv(one.precision)
-                   + share * (covariance + np.kron(self.tolerance, np.eye(3)))
-                   + share * (1. - share) * np.outer(off, off))
+        precision, constant, marginal, marginal_constant = _densities(
+            (1. - share) * np.linalg.inv(one.precision)
+            + share * (covariance + np.kron(self.added_covariance, np.eye(3)))
+            + share * (1. - share) * np.outer(off, off))
         return replace(self, statistics=one._replace(
-            template=one.template + share * off.reshape(-1, 3), **_densities(mixture)))
+            template=one.template + share * off.reshape(-1, 3), precision=precision,
+            constant=constant, marginal=marginal, marginal_constant=marginal_constant))
 
 
 def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[int], side: str,
@@ -187,29 +194,25 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     pairs, pair_tolerances = _pairs(template[palm], whole[:, palm], shape)
     off = (local - template).reshape(len(local), -1)
     of_palm, of_digit, of_marker = (deviation ** 2 for deviation in deviations)
-    extra = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
-    extra += np.diag(np.where(digit < 0, of_palm, of_marker))
+    added = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
+    added += np.diag(np.where(digit < 0, of_palm, of_marker))
     shown = off.T @ off / len(off)
-    densities = _densities(
-        shown + np.kron(extra, np.eye(3)) + _not_shown(shown, template, digit))
-    distances = np.einsum('ni,ij,nj->n', off, densities['precision'], off)
-    links, lengths = _links(
-        template, local, digit, shape, _lacking(shown, bending(template, digit), digit))
+    precision, constant, marginal, marginal_constant = _densities(
+        shown + np.kron(added, np.eye(3)) + _not_shown(shown, template, digit))
+    distances = np.einsum('ni,ij,nj->n', off, precision, off)
     return HandPrototype(tuple(names), side, Prototype(
-        template=template, rigid=rigid, bases=np.array(palm)[bases], sides=tolerances,
-        pairs=np.array(palm)[pairs], pair_sides=pair_tolerances, **densities,
-        sizes=np.array(sizes),
-        typical=float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
-        links=links, lengths=lengths), extra)
+        template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
+        pair_tolerances, precision, constant, marginal, marginal_constant, np.array(sizes),
+        float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
+        *_links(template, local, digit, shape, _lacking(shown, bending(template, digit), digit))),
+        added)
 
 
-def _densities(covariance: np.ndarray) -> dict[str, Any]:
-    """Return the fields of a `Prototype` that follow from its covariance, (3 M, 3 M) [m²]."""
+def _densities(covariance: np.ndarray) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Return what a `Prototype` holds of a covariance (3 M, 3 M) [m²], from `precision` on."""
     alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
-    return {'precision': np.linalg.inv(covariance),
-            'constant': float(np.linalg.slogdet(covariance)[1]),
-            'marginal': np.linalg.inv(alone),
-            'marginal_constant': np.linalg.slogdet(alone)[1]}
+    return (np.linalg.inv(covariance), float(np.linalg.slogdet(covariance)[1]),
+            np.linalg.inv(alone), np.linalg.slogdet(alone)[1])
 
 
 def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: float,

@@ -36,7 +36,7 @@ from .palm_search import (
     write_cost,
 )
 from .posture import HIDDEN_COST, count_seen, exchange_labels, label_costs, posture_cost
-from .prototypes import Prototype
+from .prototypes import LEAST_TYPICAL, Prototype
 
 # As `SEARCH_BUDGET`: of a hand whose labels are in doubt, and of any followed hand; ours.
 PRESSING_BUDGET, DOUBT_BUDGET = 60_000, 6_000
@@ -87,7 +87,7 @@ def note_cut(prototype: Prototype, track: HandTrack, was_seen: np.ndarray, dista
         gone += 1 if was_seen[i] and track.finding.rows[i] < 0 else 0
     leap = track.finding.distance[0] - distance
     if (min(gone, come) >= max(2., (1. - STILL_SEEN) * before)
-            or leap > ASTRAY_DISTANCE * max(prototype.typical, .5)):
+            or leap > ASTRAY_DISTANCE * max(prototype.typical, LEAST_TYPICAL)):
         track.shaken_for[0] = SHAKEN_TIME
         track.trusted_for[:] = 0.
 
@@ -127,7 +127,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     track.unreviewed_for[0] += step
     track.since_search[0] += 1
     track.shaken_for[0] -= step
-    unlikely = finding.distance[0] > UNLIKELY * max(prototype.typical, .5)
+    unlikely = finding.distance[0] > UNLIKELY * max(prototype.typical, LEAST_TYPICAL)
     track.unlikely_for[0] = track.unlikely_for[0] + step if unlikely else 0.
     pressing = few or unlikely or track.shaken_for[0] > 0.
     if track.since_relabelling[0] < (PRESSING_FRAMES if pressing or track.doubt[0] > 0.
