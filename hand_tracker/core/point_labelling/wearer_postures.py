@@ -17,7 +17,7 @@ FIRST_POSTURES, REMEMBERED_POSTURES = 20, 1200
 WEARER_SHARE = .4           # [1] of the wearer's postures in the mixture; ours
 SURE_SHARE = .6             # [1] of the markers with sure labels, at least; ours
 # [s] for which a sure label was seen in all, and without a break or a better rival; ours.
-SETTLED_TIME, SURE_TIME = 2., .1
+LABELLED_TIME, UNRIVALLED_TIME = 2., .1
 
 
 class WearerPostures:
@@ -63,8 +63,8 @@ class WearerPostures:
         if self._waited < POSTURE_PERIOD or not self._is_likely(track):
             return None
         sure = ((track.finding.rows >= 0) & (track.returns.age == np.inf)
-                & (track.seen_for >= SETTLED_TIME)
-                & (np.diagonal(track.trusted_for) >= SURE_TIME))
+                & (track.seen_for >= LABELLED_TIME)
+                & (np.diagonal(track.trusted_for) >= UNRIVALLED_TIME))
         if not sure[self._rigid].all() or sure.mean() < SURE_SHARE:
             return None
         if np.linalg.norm(track.local - self._last, axis=1)[sure].mean() < POSTURE_CHANGE:

@@ -19,16 +19,16 @@ from hand_tracker.core.point_labelling.posture import hidden_places, reset_matri
 from hand_tracker.core.point_labelling.prototypes import learn_prototype
 from hand_tracker.core.point_labelling.wearer_postures import (
     FIRST_POSTURES,
+    LABELLED_TIME,
     POSTURE_PERIOD,
     REMEMBERED_POSTURES,
-    SETTLED_TIME,
-    SURE_TIME,
+    UNRIVALLED_TIME,
     WEARER_SHARE,
     WearerPostures,
 )
 
 RATE = 120.
-GRASPS = 40, 90  # two natural poses between which the wearer goes
+GRASPED_POSES = 40, 90  # two natural poses between which the wearer goes
 HIDDEN = MARKERS.index('middle')
 
 
@@ -39,7 +39,7 @@ def prototype(side='right'):
 def grasping(frames, side='right'):
     """Return the markers of a wearer that grasps every two seconds, (T, 8, 3) [m]."""
     hand = Hand.scaled(side=side)
-    first, second = natural_poses(hand, max(GRASPS) + 1)[list(GRASPS)]
+    first, second = natural_poses(hand, max(GRASPED_POSES) + 1)[list(GRASPED_POSES)]
     share = .5 - .5 * np.cos(np.pi * np.arange(frames) / RATE)
     return marker_positions(MarkerLayout().mounting(hand), forward(
         joint_table(hand), first + share[:, None] * (second - first)))
@@ -60,7 +60,7 @@ def track_of(prototype, markers, hidden=()):
     found.rotation[:], found.position[:], found.size[0] = np.eye(3), 0., 1.
     found.cost[0] = found.distance[0] = 0.
     track = begin_track(prototype.statistics, found, markers)
-    track.seen_for[:], track.trusted_for[:] = SETTLED_TIME, SURE_TIME
+    track.seen_for[:], track.trusted_for[:] = LABELLED_TIME, UNRIVALLED_TIME
     return track
 
 
@@ -160,7 +160,7 @@ def hide_wrist(track):
     lambda track: track.finding.distance.__setitem__(0, np.nan),
     lambda track: track.finding.rows.__setitem__(slice(4, 8), -1),
     lambda track: track.returns.age.__setitem__(slice(4, 8), .1),
-    lambda track: track.seen_for.__setitem__(slice(4, 8), .5 * SETTLED_TIME),
+    lambda track: track.seen_for.__setitem__(slice(4, 8), .5 * LABELLED_TIME),
     lambda track: track.trusted_for.__setitem__(slice(4, 8), 0.)))
 def test_doubtful_labels_teach_nothing(spoil):
     natural = prototype()
