@@ -115,14 +115,18 @@ class _Hand:
         self.count = len(prototype.names)
         self.side = SideEvidence(prototype.statistics, prototype.mirrored().statistics)
         self.by_pairs = False   # search by pairs of palm markers, not triangles
+        self._begin(prototype)
         self.lose()
-        self.replace_prototype(prototype, np.empty((0, 3)))
+
+    def _begin(self, prototype: HandPrototype) -> None:
+        """Label by a prototype, with no postures learned."""
+        self.postures = WearerPostures(prototype)
+        self._label_by(prototype)
 
     def replace_prototype(self, prototype: HandPrototype, points: np.ndarray) -> None:
         """Go on with another prototype of the same markers, from the points of the last frame."""
         # Learned postures are in the frame of the former template.
-        self.postures = WearerPostures(prototype)
-        self._label_by(prototype)
+        self._begin(prototype)
         if not self.confirmed:
             self.lose()
         elif self.track is not None:
@@ -142,11 +146,12 @@ class _Hand:
         if mixed is not None:
             # The palm hardly changes: places and evidence stay.
             self._label_by(mixed)
+            self.track.expected[:] = np.nan     # was by the former prototype
 
     def forget_postures(self) -> None:
         """Search on without the wearer's postures; the track is dropped."""
+        self._begin(self.postures.prototype)
         self.lose()
-        self.replace_prototype(self.postures.prototype, np.empty((0, 3)))
 
     def lose(self) -> None:
         """Drop the track; the hand is searched from the next frame on."""
@@ -310,7 +315,7 @@ class CloudLabeller:
                      else np.full(hand.count, -1) for hand in self._hands)
         if kept is not None and len(kept):
             rows = tuple(np.where(own >= 0, kept[own], -1) for own in rows)
-        return CloudLabels(rows, tuple(all_points.take(own, axis=0) for own in rows),
+        return CloudLabels(rows, tuple(all_points[own] for own in rows),
                            tuple(hand.confirmed for hand in self._hands),
                            tuple(hand.side.is_other_side for hand in self._hands))
 
@@ -322,9 +327,10 @@ class CloudLabeller:
         self._time = float(time)
         if not 0. <= step <= LONGEST_PAUSE:
             for hand in self._hands:
-                hand.lose()
                 if step < 0.:   # as where a recording begins anew
                     hand.forget_postures()
+                else:
+                    hand.lose()
             return UNTIMED_STEP
         return step or UNTIMED_STEP  # repeated stamps give no step
 
@@ -509,7 +515,7 @@ class CloudLabeller:
         return float(hand.track.finding.cost[0] - found.cost[0]), found
 
     def label_frame(self, points: ArrayLike, budget: int = sys.maxsize) -> CloudLabels:
-        """Label the points of a single frame, without those of earlier frames.
+        """Label the points of a single frame, without history but for learned postures.
 
         Parameters
         ----------

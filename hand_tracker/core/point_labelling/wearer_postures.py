@@ -9,14 +9,14 @@ import numpy as np
 from .hand_track import HandTrack
 from .prototypes import LEAST_TYPICAL, HandPrototype
 
-POSTURE_PERIOD = .05        # [s] between two postures, at least
+POSTURE_PERIOD = .05        # [s] between two checks, and so between two postures, at least
 POSTURE_CHANGE = .002       # [m] mean distance of the markers from the last posture, at least; ours
-# Postures at which the prototype is mixed for the first time, then whenever they have doubled; and
-# from which on each new one weighs as much, and it is mixed after as many; ours.
+# Postures at which the prototype is mixed for the first time, and again whenever they have doubled;
+# number that is remembered: older ones fade, and it is mixed after as many; ours.
 FIRST_POSTURES, REMEMBERED_POSTURES = 20, 1200
 WEARER_SHARE = .4           # [1] of the wearer's postures in the mixture; ours
 SURE_SHARE = .6             # [1] of the markers with sure labels, at least; ours
-# [s] for which a sure label was seen in all, and without a break or a better rival; ours.
+# [s] for which a sure label has been seen in all, and without a break or a better rival; ours.
 LABELLED_TIME, UNRIVALLED_TIME = 2., .1
 
 
@@ -40,7 +40,7 @@ class WearerPostures:
         self._last = np.full_like(prototype.statistics.template, np.inf)  # posture [m]
         self._count = 0
         self._mixed_at = FIRST_POSTURES     # postures at which the prototype is mixed anew
-        self._waited = 0.                   # [s] since the last posture
+        self._waited = 0.                   # [s] since the last check
 
     def add(self, track: HandTrack, present: HandPrototype, step: float) -> HandPrototype | None:
         """Add the posture of a frame, if its labels are sure and it differs from the last one.
@@ -60,7 +60,10 @@ class WearerPostures:
             Natural postures and the wearer's, where it is time to follow the hand by them.
         """
         self._waited += step
-        if self._waited < POSTURE_PERIOD or not self._is_likely(track):
+        if self._waited < POSTURE_PERIOD:
+            return None
+        self._waited = 0.
+        if not self._is_likely(track):
             return None
         sure = ((track.finding.rows >= 0) & (track.returns.age == np.inf)
                 & (track.seen_for >= LABELLED_TIME)
@@ -69,7 +72,7 @@ class WearerPostures:
             return None
         if np.linalg.norm(track.local - self._last, axis=1)[sure].mean() < POSTURE_CHANGE:
             return None
-        self._waited, self._last = 0., track.local.copy()
+        self._last = track.local.copy()
         self._learn(track.local, sure, present)
         if self._count < self._mixed_at:
             return None
@@ -93,12 +96,12 @@ class WearerPostures:
         present : HandPrototype
             Of the conditional distribution.
         """
-        template, known = present.statistics.template.ravel(), np.repeat(sure, 3)
-        u, s = np.flatnonzero(~known), np.flatnonzero(known)
+        template, u = present.statistics.template.ravel(), np.flatnonzero(np.repeat(~sure, 3))
         precision = present.statistics.precision[u]     # (3 U, 3 M)
         conditional = np.linalg.inv(precision[:, u])    # (3 U, 3 U)
         off = place.ravel() - template                  # (3 M,)
-        off[u] = -conditional @ (precision[:, s] @ off[s])
+        off[u] = 0.
+        off[u] = -conditional @ (precision @ off)
         self._count += 1
         gain = 1. / min(self._count, REMEMBERED_POSTURES)
         change = template + off - self._mean

@@ -169,6 +169,26 @@ def test_doubtful_labels_teach_nothing(spoil):
         track = track_of(natural, frame)
         spoil(track)
         assert postures.add(track, natural, POSTURE_PERIOD) is None
+    assert any(postures.add(track_of(natural, frame), natural, POSTURE_PERIOD)
+               for frame in local(natural, grasping(240))[::6])
+
+
+def test_a_hidden_marker_stays_where_it_is_as_postures_are_mixed_in():
+    labeller = CloudLabeller([prototype()])
+    mixed = 0
+    for number, frame in enumerate(grasping(1200)):
+        if number >= 300:
+            frame = frame.copy()
+            frame[HIDDEN] = np.nan
+        before = labeller._hands[0].prototype
+        labeller.update(frame, number / RATE)
+        hand = labeller._hands[0]
+        if hand.prototype is not before and hand.track.hidden_for[HIDDEN] > 0.:
+            mixed += 1
+            place = hand.track.local[HIDDEN].copy()
+            labeller.update(frame, number / RATE + 1e-3)    # the hand rests
+            assert np.linalg.norm(hand.track.local[HIDDEN] - place) < 1e-3
+    assert mixed
 
 
 def test_a_doubtful_marker_does_not_teach_its_place():
@@ -192,8 +212,10 @@ def test_frames_at_once_and_a_hand_at_rest_are_one_posture(frames, step):
     postures = WearerPostures(natural)
     mixed = [postures.add(track_of(natural, frame), natural, step) is not None
              for frame in local(natural, frames)]
-    # Each third frame is a posture; the hand at rest is one for ever.
-    assert mixed.index(True) + 1 == 3 * FIRST_POSTURES if step < 1. else not any(mixed)
+    if step < 1.:   # each third frame is a posture
+        assert mixed.index(True) + 1 == 3 * FIRST_POSTURES
+    else:           # it is one for ever
+        assert not any(mixed)
 
 
 def test_a_labeller_learns_while_it_follows_and_forgets_as_it_is_reset():
