@@ -309,6 +309,7 @@ class TrackedHand:
     def reset(self) -> None:
         """Track as if no frame had come yet; only while none is tracked."""
         self._tracker.reset()
+        self._point_labels.reset()
 
     # What it shows and logs
 

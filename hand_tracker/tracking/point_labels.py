@@ -92,6 +92,13 @@ class PointLabels:
         elif self._labeller is not None and former is not new:
             self._labeller.replace_prototype(self._number(hand.side), new)
 
+    def reset(self) -> None:
+        """Forget the hands that were found, and the postures of their wearer."""
+        if self._labeller is not None:
+            self._labeller.reset()
+        self._message = None
+        self.told.clear()
+
     def _number(self, side: str) -> int:
         """Return the place of a hand among those of the labeller."""
         return list(self._prototypes).index(side)

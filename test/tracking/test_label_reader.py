@@ -31,6 +31,7 @@ from hand_tracker.tracking.point_labels import (
 )
 
 PERIOD = .01
+SHORTENED_FROM = 20     # message
 
 
 def frame(positions, unknown=()):
@@ -106,21 +107,35 @@ def test_how_well_a_hand_is_known_is_told_by_its_file(tmp_path):
     assert tolerances_of(load_hand(tmp_path / 'fitted.yaml')[0]) is FITTED
 
 
-def test_a_hand_that_is_replaced_keeps_its_labels():
-    class Points:
-        def read(self, message):
-            count = 8 if message < 20 else 4  # too few to be found, but not to be followed
-            return PointFrame(Stamp(1, 10**7 * message), 'mocap', markers[:count],
-                              np.full(count, -1), ())
+class HalfHiddenPoints:
+    """Points of a hand, in later messages too few to find it."""
 
+    def read(self, message):
+        count = 8 if message < SHORTENED_FROM else 4    # not too few to follow it
+        return PointFrame(Stamp(1, 10**7 * message), 'mocap', hand_at()[:count],
+                          np.full(count, -1), ())
+
+
+def test_a_hand_that_is_replaced_keeps_its_labels():
     markers, layout = hand_at(), preset_layout('paper8')
     labels = PointLabels()
-    PointLabelReader(Hand.scaled(), layout, Points(), labels)
+    PointLabelReader(Hand.scaled(), layout, HalfHiddenPoints(), labels)
     for message in range(40):
         if message == 30:
-            PointLabelReader(Hand.scaled(.19, .088), layout, Points(), labels)
+            PointLabelReader(Hand.scaled(.19, .088), layout, HalfHiddenPoints(), labels)
         places = labels.read(message, 'right')[1]
         assert np.array_equal(places[:4], markers[:4]), message
+
+
+def test_labels_that_are_reset_search_the_hand_anew():
+    labels = PointLabels()
+    PointLabelReader(Hand.scaled(), preset_layout('paper8'), HalfHiddenPoints(), labels)
+    for message in range(30):
+        assert labels.read(message, 'right')[2]
+    labels.reset()
+    _, places, found, _ = labels.read(30, 'right')
+    assert not found
+    assert np.isnan(places).all()
 
 
 @pytest.mark.parametrize('layout, count, said', [
