@@ -64,6 +64,15 @@ def track_of(prototype, markers, hidden=()):
     return track
 
 
+def with_learned(natural, frames):
+    """Return a prototype with the postures of frames learned: markers, and which are hidden."""
+    postures, present = WearerPostures(natural), natural
+    for markers, hidden in frames:
+        mixed = postures.add(track_of(natural, markers, hidden), present, POSTURE_PERIOD)
+        present = mixed or present
+    return present
+
+
 def local(prototype, markers):
     """Return frames (T, 8, 3) placed by their palm as the template is [m]."""
     palm = prototype.statistics.rigid > 0.
@@ -103,21 +112,16 @@ def test_mixed_postures_are_those_of_frames_mixed():
 @pytest.mark.parametrize('hidden', ((), (MARKERS.index('ring'), MARKERS.index('thumb'))))
 def test_hidden_markers_are_better_placed_by_the_postures_of_the_wearer(hidden):
     natural = prototype()
-    postures, present = WearerPostures(natural), natural
     frames = local(natural, grasping(960))
-    for frame in frames[::6]:
-        mixed = postures.add(track_of(natural, frame, hidden), present, POSTURE_PERIOD)
-        present = mixed or present
+    present = with_learned(natural, ((frame, hidden) for frame in frames[::6]))
     assert present is not natural
     assert place_error(present, frames) < .8 * place_error(natural, frames)
 
 
 def test_a_marker_that_is_never_seen_stays_as_uncertain_as_it_was():
     natural = prototype()
-    postures, present = WearerPostures(natural), natural
-    for frame in local(natural, postures_of(1500)):
-        mixed = postures.add(track_of(natural, frame, (HIDDEN,)), present, POSTURE_PERIOD)
-        present = mixed or present
+    frames = local(natural, postures_of(1500))
+    present = with_learned(natural, ((frame, (HIDDEN,)) for frame in frames))
     before, after = (np.linalg.inv(one.statistics.precision[3 * HIDDEN:, 3 * HIDDEN:][:3, :3])
                      for one in (natural, present))
     assert .9 < np.trace(after) / np.trace(before) < 1.02
@@ -125,13 +129,10 @@ def test_a_marker_that_is_never_seen_stays_as_uncertain_as_it_was():
 
 def test_random_occlusions_leave_a_covariance():
     natural, random = prototype(), np.random.default_rng(1)
-    postures, present = WearerPostures(natural), natural
     frames, digits = local(natural, grasping(240)), np.flatnonzero(natural.statistics.rigid == 0.)
-    for number in range(2 * REMEMBERED_POSTURES):
-        hidden = random.permutation(digits)[:random.integers(4)]
-        mixed = postures.add(track_of(natural, frames[number % 240], hidden), present,
-                             POSTURE_PERIOD)
-        present = mixed or present
+    present = with_learned(natural, (
+        (frames[number % 240], random.permutation(digits)[:random.integers(4)])
+        for number in range(2 * REMEMBERED_POSTURES)))
     precision = present.statistics.precision
     assert np.allclose(precision, precision.T, rtol=1e-9)
     assert np.linalg.eigvalsh(precision).min() > 0.
