@@ -106,6 +106,14 @@ def test_what_a_parameter_file_has_for_the_tracker_is_left_out_in_a_line(robot):
         assert process.interrupt() == 0, process.output
 
 
+def test_that_nobody_publishes_the_hand_is_told_to_who_engages(robot):
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        answer = node.call(SetBool, 'retarget/engage', SetBool.Request(data=True))
+        assert not answer.success
+        assert answer.message == 'there is no hand to follow; nobody publishes /joint_states'
+        assert process.interrupt() == 0, process.output
+
+
 def test_an_arm_may_share_the_topic_of_the_hand(robot):
     from rclpy.node import Node
     with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
