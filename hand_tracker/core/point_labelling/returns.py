@@ -31,6 +31,7 @@ STRAY_SPEED = .15           # [m/s]
 STRAY_FREEDOM = 3.
 PACE_DEVIATION = .03        # [m/s] of clutter relative to its velocity, where that is known
 RESTING_SHARE = .2          # share of clutter at rest; ours
+PERSISTENCE = .5            # [s] median time that clutter lasts, and a marker stays hidden; ours
 MOTION_MEMORY = .5          # share of the motion term kept after a further stretch; ours
 MOTION_GAIN = 8.            # most by which a stretch changes the cost; ours
 
@@ -69,6 +70,8 @@ class HiddenPlace(NamedTuple):
         Variance of that [m²].
     error : float
         Prediction error of the marker [m].
+    hidden_for : float
+        [s]
     """
 
     last: tuple[float, float, float]
@@ -76,6 +79,7 @@ class HiddenPlace(NamedTuple):
     likely: tuple[float, float, float]
     spread: float
     error: float
+    hidden_for: float
 
 
 @labelling_jit
@@ -90,7 +94,7 @@ def hidden_place(track: HandTrack, i: int) -> HiddenPlace:
         z -= track.returns.offset[1, i, 2]
     return HiddenPlace((x, y, z), _hidden_variance(track.error[i], hidden_for),
                        (track.expected[i, 0], track.expected[i, 1], track.expected[i, 2]),
-                       track.spread[i], track.error[i])
+                       track.spread[i], track.error[i], hidden_for)
 
 
 @labelling_jit
@@ -164,7 +168,28 @@ def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> f
     if history.cost[slot, mark] == math.inf:
         return cost + MISTAKEN_COST
     return (max(cost, history.cost[slot, mark]) + history.motion[slot, mark]
-            + _stretch_cost(hidden, seen, row, mark))
+            + _stretch_cost(hidden, seen, row, mark)
+            - persistence_cost(history.age[slot], hidden.hidden_for))
+
+
+@labelling_jit
+def persistence_cost(age: float, hidden_for: float) -> float:
+    """Return the cost of a point being clutter, by how long it lasts while a marker stays hidden.
+
+    The rates at which clutter vanishes and a hidden marker returns fall with time. Clutter that was
+    there before the marker vanished costs nothing: it may last for hours.
+
+    Parameters
+    ----------
+    age : float
+        Of the point [s].
+    hidden_for : float
+        Of the marker [s].
+    """
+    if age > hidden_for:
+        return 0.
+    return 2. * (math.log1p(age / PERSISTENCE)
+                 + math.log((PERSISTENCE + hidden_for) / (PERSISTENCE + hidden_for - age)))
 
 
 @labelling_jit
@@ -332,8 +357,9 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
         returns.stretch[i] = 0.
     cost = SEEN_COST + RETURN_COST + place_cost(
         off, _hidden_variance(track.error[i], returns.hidden_for[i]), unlike, track.spread[i])
-    return max(cost, returns.cost[i]) + motion + marker_links_cost(
+    return (max(cost, returns.cost[i]) + motion + marker_links_cost(
         prototype, track.local, track.hidden_for, i, local[row])
+        - persistence_cost(returns.age[i], returns.hidden_for[i]))
 
 
 @labelling_jit

@@ -236,6 +236,22 @@ def test_a_resting_point_near_a_marker_that_is_hidden_for_long_does_not_get_its_
     assert all(right[:600]) and all(right[-60:])
 
 
+@pytest.mark.parametrize('bent', (21, 24))
+def test_a_marker_that_comes_back_far_from_where_it_went_has_its_label_within_a_second(bent):
+    poses, index = natural_poses(Hand.scaled(), 400), MARKERS.index('index')
+    there = poses[110].copy()
+    columns = [JOINTS.index(joint) for joint in JOINTS if joint.startswith('index')]
+    there[columns] = poses[bent, columns]
+    markers = np.concatenate((swaying(poses[110], 120)[0], swaying(there, 360)[0][120:]))
+    assert np.linalg.norm(markers[120, index] - markers[119, index]) > .08
+    markers[120:180, index] = np.nan
+    random, labeller = np.random.default_rng(1), CloudLabeller([prototype()])
+    for number, frame in enumerate(markers):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE).rows[0]
+        assert 180 <= number < 300 or np.array_equal(found, rows), number
+
+
 def test_a_wrist_of_another_palm_than_the_usual_one_has_its_label_back_at_once():
     hand = Hand.scaled(.17, .095)
     before, after = natural_poses(hand, 60)[12:14]
