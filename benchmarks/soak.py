@@ -1,6 +1,6 @@
 """Measure hours of both hands under faults: memory, latency of each minute, lost frames, crashes.
 
-    python -m benchmarks.soak [--hours 2] [--rate 480] [--json OUT]
+    python -m benchmarks.soak [--hours 2] [--rate 480] [--listener-life 45] [--json OUT]
 
 A tracker of both hands gets simulated markers with occlusion, exchanged labels, reflections,
 drop-outs and frozen markers, while listeners come, go and are killed, parameters are set, some of
@@ -46,7 +46,7 @@ SECOND, MINUTE = 1., 60.  # [s]
 PARAMETERS_EVERY = 5.  # [s]
 JUMP_EVERY = 20.       # [s]
 LISTENER_TURN = 2.     # [s] in which it listens, and in which it does not
-LISTENER_LIFE = 45.    # [s] until it is killed and another one comes
+LISTENER_LIFE = 45.    # [s] until it is killed and another one comes, where no other is asked for
 OVERDUE_TIME = 5.      # [s] after which a frame without an answer is lost
 STOP_TIME = 30.        # [s] to end
 QUEUE = 1000           # messages: two seconds
@@ -322,7 +322,7 @@ class Timetable:
         return True
 
 
-def soak(driver, executor, watched, frames, rate, minutes):
+def soak(driver, executor, watched, frames, rate, minutes, listener_life):
     """Send frames for so many minutes; return a row of each minute.
 
     Parameters
@@ -333,7 +333,7 @@ def soak(driver, executor, watched, frames, rate, minutes):
     watched : dict of str to Watched
     frames : list
         From `simulated_messages`.
-    rate, minutes : float
+    rate, minutes, listener_life : float
 
     Returns
     -------
@@ -347,7 +347,7 @@ def soak(driver, executor, watched, frames, rate, minutes):
     listener = new_listener()
     began = time.monotonic()
     table = Timetable(began, second=SECOND, minute=MINUTE, parameters=PARAMETERS_EVERY,
-                      jump=JUMP_EVERY, listener=LISTENER_LIFE)
+                      jump=JUMP_EVERY, listener=listener_life)
     jump, late_sent, before = None, 0, (0, 0)
     due = time.perf_counter_ns()
     try:
@@ -465,6 +465,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--hours', type=float, default=2., help='at least 0.02')
     parser.add_argument('--rate', type=float, default=480., help='frames per second')
+    parser.add_argument('--listener-life', type=float, default=LISTENER_LIFE, metavar='S',
+                        help='seconds until a listener is killed and another one comes')
     add_json_option(parser)
     parser.add_argument('--listen', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -485,7 +487,8 @@ def main():
             # What has been made stays: a collection that goes through it would count as latency.
             gc.collect()
             gc.freeze()
-            rows, more = soak(driver, executor, watched, frames, options.rate, minutes)
+            rows, more = soak(driver, executor, watched, frames, options.rate, minutes,
+                              options.listener_life)
         for one in watched.values():
             one.stop()
             one.new_lines()
