@@ -334,6 +334,7 @@ def soak(driver, executor, watched, frames, rate, minutes, listener_life):
     frames : list
         From `simulated_messages`.
     rate, minutes, listener_life : float
+        [1/s, min, s]
 
     Returns
     -------
@@ -470,6 +471,9 @@ def main():
     add_json_option(parser)
     parser.add_argument('--listen', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.listener_life < LISTENER_TURN:
+        parser.error(f'--listener-life: {options.listener_life:g}; expected {LISTENER_TURN:g} s '
+                     'or more')
     isolate()
     if options.listen:
         with suppress(KeyboardInterrupt):
@@ -494,7 +498,8 @@ def main():
             one.new_lines()
         found, faults = total(driver, watched, rows, options.rate, minutes)
         logs = {name: one.log.splitlines()[-20:] for name, one in watched.items()}
-    found.update(more, faults=faults, environment=environment(), minutes=rows)
+    found.update(more, listener_life_s=options.listener_life, faults=faults,
+                 environment=environment(), minutes=rows)
     for key, value in found.items():
         if key != 'minutes':
             print(f'{key}: {value}')

@@ -47,7 +47,7 @@ class DrivenRobot:
         # Of the variables, by stamp [ns]: that of the frame of the hand that is answered.
         self.commands: dict[int, np.ndarray] = {}
         self._asked = self._command_time = 0.
-        self._answer: Future | None = None  # of the retarget node, the last time
+        self._refusals: list[str] = []  # why the retarget node did not engage, each reason once
         self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
         self._engage = node.create_client(SetBool, 'retarget/engage')
         node.create_subscription(JointState, 'robot/command', self._on_command, 100)
@@ -73,7 +73,13 @@ class DrivenRobot:
         # Again where it was disengaged, as on a machine that is too busy.
         if self.is_ready and now - max(self._asked, self._command_time) > ENGAGE_EVERY:
             self._asked = now
-            self._answer = self._engage.call_async(SetBool.Request(data=True))
+            answer = self._engage.call_async(SetBool.Request(data=True))
+            answer.add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: Future) -> None:
+        response = answer.result()
+        if not response.success and response.message not in self._refusals:
+            self._refusals.append(response.message)
 
     def save(self, output: Path, hand: Hand, stamps: np.ndarray, angles: np.ndarray) -> None:
         """Draw what it was commanded beside what the hand did: `robot.gif` and `robot.png`.
@@ -94,8 +100,7 @@ class DrivenRobot:
             If no command came, or only after the recording.
         """
         if len(self.commands) < 2:
-            answer = self._answer.result() if self._answer and self._answer.done() else None
-            why = answer.message if answer else 'the retarget node does not answer'
+            why = '; '.join(self._refusals) or 'the retarget node did not answer'
             raise HandTrackerError(f'the robot got no command: {why}')
         rows = np.array([row for row, stamp in enumerate(stamps.tolist())
                          if stamp in self.commands], dtype=int)

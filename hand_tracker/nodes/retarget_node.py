@@ -383,7 +383,7 @@ class RetargetNode(SubscriptionHidingNode):
         reason = act(now)
         topic = self._joint_subscriptions[0].topic_name
         if reason and not self.count_publishers(topic):
-            reason += f'; nobody publishes {topic}'
+            reason += f"; nobody publishes the hand's {topic}"
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
             missing = self._wrist.engage(start, now)

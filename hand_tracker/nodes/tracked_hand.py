@@ -310,6 +310,7 @@ class TrackedHand:
         """Track as if no frame had come yet; only while none is tracked."""
         self._tracker.reset()
         self._point_labels.reset()
+        self.stream.reader = self._new_reader()
 
     # What it shows and logs
 

@@ -94,9 +94,7 @@ class PointLabels:
 
     def reset(self) -> None:
         """Forget the hands that were found, and the postures of their wearer."""
-        if self._labeller is not None:
-            self._labeller.reset()
-        self._message = None
+        self._labeller = self._labelled = None
         self.told.clear()
 
     def _number(self, side: str) -> int:

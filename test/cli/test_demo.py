@@ -15,6 +15,7 @@ from PIL import Image
 from benchmarks.repository import REPOSITORY
 from hand_tracker.cli.demo_anonymous import take_labels_off
 from hand_tracker.cli.recording_options import WornHand
+from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.files.bags import open_bag, write_bag
@@ -214,6 +215,22 @@ def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node
     (received,) = (hand.received_frames() for hand in listener.hands)
     assert set(received.stamps.tolist()) == answered
     np.testing.assert_allclose(received.angles, short.angles[[2, 3, 7]])
+
+
+def test_the_robot_that_got_no_command_says_why_it_was_not_engaged(node, tmp_path):
+    from rclpy.task import Future
+    from std_srvs.srv import SetBool
+
+    from hand_tracker.cli.demo_robot import DrivenRobot
+
+    robot = DrivenRobot(node, load_robot('plain'))
+    for reason in ('its joint states are missing', '', 'there is no hand', 'there is no hand'):
+        answer = Future()
+        answer.set_result(SetBool.Response(success=not reason, message=reason))
+        robot._on_answer(answer)
+    with pytest.raises(HandTrackerError, match='no command: its joint states are missing; '
+                       'there is no hand$'):
+        robot.save(tmp_path, Hand.scaled(), np.empty(0, dtype=int), np.empty((0, len(JOINTS))))
 
 
 def test_the_robot_is_drawn_as_it_was_commanded_for_the_frame_beside_it(

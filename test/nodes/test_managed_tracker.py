@@ -88,3 +88,17 @@ def test_cleaned_up_it_loads_the_hand_file_as_it_is_then(tmp_path):
             bench.joint_states[-1].position[PIP] - BENT_ANGLES[PIP]) < 1e-3)
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+def test_cleaned_up_it_searches_the_hand_among_points_anew():
+    with NodeProcess(MODULE, {**LOSSLESS, 'labels': 'none', 'auto_size': False}) as process, \
+            watching_node() as node:
+        bench = Bench(process, node, 1000, 'hand_tracker')
+        process.wait_for_line('listening')
+        for times in (1, 2):
+            node.repeat(lambda: bench.send(hand_at()), lambda times=times: process.output.count(
+                'hand is found among') == times)
+            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP,
+                               Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+                assert change(node, transition)
+        assert process.interrupt() == 0, process.output

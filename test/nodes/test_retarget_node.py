@@ -110,7 +110,8 @@ def test_that_nobody_publishes_the_hand_is_told_to_who_engages(robot):
     with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
         answer = node.call(SetBool, 'retarget/engage', SetBool.Request(data=True))
         assert not answer.success
-        assert answer.message == 'there is no hand to follow; nobody publishes /joint_states'
+        assert answer.message == (
+            "there is no hand to follow; nobody publishes the hand's /joint_states")
         assert process.interrupt() == 0, process.output
 
 

@@ -32,6 +32,7 @@ STRAY_FREEDOM = 3.
 PACE_DEVIATION = .03        # [m/s] of clutter relative to its velocity, where that is known
 RESTING_SHARE = .2          # share of clutter at rest; ours
 PERSISTENCE = .5            # [s] median time that clutter lasts, and a marker stays hidden; ours
+LONGEST_PERSISTENCE = 1.    # [s] of clutter that counts: some stays for hours; ours
 MOTION_MEMORY = .5          # share of the motion term kept after a further stretch; ours
 MOTION_GAIN = 8.            # most by which a stretch changes the cost; ours
 
@@ -71,7 +72,7 @@ class HiddenPlace(NamedTuple):
     error : float
         Prediction error of the marker [m].
     hidden_for : float
-        [s]
+        Duration of the occlusion [s].
     """
 
     last: tuple[float, float, float]
@@ -174,10 +175,10 @@ def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> f
 
 @labelling_jit
 def persistence_cost(age: float, hidden_for: float) -> float:
-    """Return the cost of a point being clutter, by how long it lasts while a marker stays hidden.
+    """Return the cost of a point as clutter that lasts while a marker stays hidden, 0 if unknown.
 
-    The rates at which clutter vanishes and a hidden marker returns fall with time. Clutter that was
-    there before the marker vanished costs nothing: it may last for hours.
+    Both times are log-logistic, of shape 1. Of a point that was there before the marker vanished
+    they say nothing.
 
     Parameters
     ----------
@@ -186,10 +187,11 @@ def persistence_cost(age: float, hidden_for: float) -> float:
     hidden_for : float
         Of the marker [s].
     """
-    if age > hidden_for:
+    if age >= hidden_for:
         return 0.
-    return 2. * (math.log1p(age / PERSISTENCE)
-                 + math.log((PERSISTENCE + hidden_for) / (PERSISTENCE + hidden_for - age)))
+    lasted = min(age, LONGEST_PERSISTENCE)
+    return 2. * (math.log1p(lasted / PERSISTENCE)
+                 + math.log((PERSISTENCE + hidden_for) / (PERSISTENCE + hidden_for - lasted)))
 
 
 @labelling_jit

@@ -236,6 +236,21 @@ def test_a_resting_point_near_a_marker_that_is_hidden_for_long_does_not_get_its_
     assert all(right[:600]) and all(right[-60:])
 
 
+# A thumb may go there as well.
+@pytest.mark.parametrize('marker', range(3, 7))
+def test_a_resting_point_that_comes_near_a_hidden_marker_does_not_get_its_label_soon(marker):
+    markers, _ = swaying(natural_poses(Hand.scaled(), 400)[110], 180)
+    stray = markers[0, marker] + (-.03, 0., .03)
+    markers[60:, marker] = np.nan
+    random, labeller = np.random.default_rng(1), CloudLabeller([prototype()])
+    for number, frame in enumerate(markers):
+        points, rows = shuffled(frame, random)
+        if number >= 66:
+            points = np.vstack((points, stray))
+        found = labeller.update(points, number / RATE).rows[0]
+        assert number >= 66 + .5 * RATE or np.array_equal(found, rows), number
+
+
 @pytest.mark.parametrize('bent', (21, 24))
 def test_a_marker_that_comes_back_far_from_where_it_went_has_its_label_within_a_second(bent):
     poses, index = natural_poses(Hand.scaled(), 400), MARKERS.index('index')
