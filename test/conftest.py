@@ -70,7 +70,7 @@ def pytest_collection_finish(session):
     options = session.config.option
     if (options.collectonly or getattr(options, 'numprocesses', None)
             or hasattr(session.config, 'workerinput')
-            or not any(item.path.parent.name == 'nodes' for item in session.items)
+            or not any('nodes' in item.path.parts for item in session.items)
             or not importlib.util.find_spec('rclpy')):
         return
     from hand_tracker.core.numerics import jit

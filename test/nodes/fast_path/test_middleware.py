@@ -94,8 +94,9 @@ def pair():
         processes = {}
         try:
             for path, value in PATHS.items():
+                # A size that a thread learns comes at another frame in each.
                 processes[path] = NodeProcess(
-                    TRACKER_MODULE, {'fast_path': value, **LOSSLESS},
+                    TRACKER_MODULE, {'fast_path': value, 'auto_size': False, **LOSSLESS},
                     {'__ns': f'/{path}', 'markers': f'/{path}/markers'})
             yield Pair(node, processes)
             assert all(process.interrupt() == 0 for process in processes.values())
