@@ -15,6 +15,31 @@ class OutputError(HandTrackerError):
     """An output file cannot be written; the message names it."""
 
 
+def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
+                   refusal: type[HandTrackerError] = OutputError) -> None:
+    """Refuse a file of another kind.
+
+    Parameters
+    ----------
+    path : Path
+    suffixes : collection of str
+        Of which it must have one.
+    expected : str, optional
+        What the message expects; the suffixes when left out.
+    refusal : type of HandTrackerError, optional
+        Raised.
+    """
+    if path.suffix not in suffixes:
+        raise refusal(f'{path}: unknown extension {path.suffix!r}; '
+                      f'expected {expected or ", ".join(suffixes)}')
+
+
+def require_folder(path: Path, refusal: type[HandTrackerError] = OutputError) -> None:
+    """Refuse a file in a folder that is not there, by raising `refusal`."""
+    if not path.parent.is_dir():
+        raise refusal(f'{path}: no folder {path.parent}; expected one to write into')
+
+
 def require_writable(path: Path, suffixes: Collection[str] = ()) -> None:
     """Refuse a file that cannot be written, before the work for it begins.
 
@@ -28,9 +53,8 @@ def require_writable(path: Path, suffixes: Collection[str] = ()) -> None:
     ------
     OutputError
     """
-    if suffixes and path.suffix not in suffixes:
-        raise OutputError(f'{path}: unknown extension {path.suffix!r}; expected '
-                          f'{", ".join(suffixes)}')
+    if suffixes:
+        require_suffix(path, suffixes)
     if path.is_dir() or not os.access(path.parent, os.W_OK):
         raise OutputError(f'{path}: cannot be written; expected a file in a folder that is there '
                           'and may be written to')

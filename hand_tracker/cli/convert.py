@@ -34,20 +34,20 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     from ..files.hand_file import choose_hand
     from ..files.point_recording import RecordingError
     from ..files.recordings import FORMATS, NPZ, WRITTEN_SUFFIXES, write_recording
+    from ..output_files import require_suffix
     from .track_recordings import refuse_to_replace, track_file
 
     written_as = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
     output = options.output
     refuse_to_replace(options.recording, output)
-    if not options.format and output.suffix not in (*WRITTEN_SUFFIXES, *SKELETON_KINDS):
-        raise RecordingError(f'{output}: unknown extension {output.suffix!r}; expected '
-                             f'{", ".join((*WRITTEN_SUFFIXES, *SKELETON_KINDS))}, or --format')
+    kinds = *WRITTEN_SUFFIXES, *SKELETON_KINDS
+    if not options.format:
+        require_suffix(output, kinds, f'{", ".join(kinds)}, or --format')
     if output.suffix in SKELETON_KINDS and not options.format:
         # A skeleton is what the tracker finds in the points.
         return str(track_file(options, interrupted, progress))
     form = written_as[options.format] if options.format else None
-    if form is not None and output.suffix not in form.suffixes and (
-            output.suffix in (*WRITTEN_SUFFIXES, *SKELETON_KINDS)):
+    if form is not None and output.suffix not in form.suffixes and output.suffix in kinds:
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
     layout = by_label = None

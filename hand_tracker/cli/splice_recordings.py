@@ -32,7 +32,7 @@ from ..files.written_kinds import (
     SKELETON_KINDS,
     SKINNED_KIND,
 )
-from ..output_files import write_whole
+from ..output_files import require_folder, require_suffix, write_whole
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..skin.surface import require_surface_library
@@ -61,12 +61,9 @@ def splice_recordings(options: argparse.Namespace, interrupted: Interruptions,
     output = options.output
     is_skeleton = not is_bag(options.body) and recognised_format(options.body) is BVH
     expected = SKELETON_KINDS if is_skeleton else (*POINT_KINDS, *SKELETON_KINDS)
-    if output.suffix not in expected:
-        raise HandTrackerError(
-            f'{output}: unknown extension {output.suffix!r}; expected {", ".join(expected)}, as '
-            f'{options.body} has {"a skeleton" if is_skeleton else "points and no skeleton"}')
-    if not output.parent.is_dir():
-        raise HandTrackerError(f'{output}: no folder {output.parent}; expected one to write into')
+    require_suffix(output, expected, f'{", ".join(expected)}, as {options.body} has '
+                   f'{"a skeleton" if is_skeleton else "points and no skeleton"}')
+    require_folder(output)
     if options.side == BOTH:
         raise HandTrackerError('--side both: a recording is of one hand; expected that of the '
                                'right one, then that of the left one, which may be the same file')

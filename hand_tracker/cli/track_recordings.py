@@ -18,6 +18,7 @@ from ..files.bags import BAG_CONTENTS, STORAGE, BagError
 from ..files.recordings import FILE_SUFFIXES, is_named_as_recording
 from ..files.remote_files import Url, exists, local_copy, matching, upload
 from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
+from ..output_files import require_suffix
 from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
 from ..skin.surface import require_surface_library
@@ -68,9 +69,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
                 progress: ProgressMaker = Progress) -> TrackedFile:
     """Track the recordings of a command line; return their results, for the closing lines."""
     output = options.output
-    if output.suffix not in TRACKED_KINDS:
-        raise BagError(f'{output}: unknown extension {output.suffix!r}; '
-                       f'expected {", ".join(TRACKED_KINDS)}')
+    require_suffix(output, TRACKED_KINDS)
     if output.suffix == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))

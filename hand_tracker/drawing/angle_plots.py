@@ -24,7 +24,7 @@ from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS, Hand
 from ..core.model.marker_layout import PALM_LANDMARKS, PALM_MARKERS, MarkerLayout
 from ..core.model.states import MarkerState
 from ..core.tracker import HandState
-from ..output_files import folder_beside
+from ..output_files import folder_beside, require_folder, require_suffix
 from .palette import BLUE, GRID, INK, MARKER_COLOURS, MUTED, PAPER_WHITE, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
@@ -153,13 +153,11 @@ def require_output(path: str | PathLike[str]) -> Path:
         the reverse.
     """
     path = Path(path)
-    if path.suffix not in (PDF, PNG, ''):
-        raise PlotError(f'{path}: unknown extension {path.suffix!r}; '
-                        f'expected {PDF}, {PNG} or a folder')
+    require_suffix(path, (PDF, PNG, ''), f'{PDF}, {PNG} or a folder', PlotError)
     if path.suffix and path.is_dir():
         raise PlotError(f'{path}: is a folder; expected another name for the output')
-    if path.suffix and not path.parent.is_dir():
-        raise PlotError(f'{path}: no folder {path.parent}; expected one to write into')
+    if path.suffix:
+        require_folder(path, PlotError)
     if not path.suffix and path.exists() and not path.is_dir():
         raise PlotError(f'{path}: is no folder; expected one, or a name with {PDF} or {PNG}')
     return path

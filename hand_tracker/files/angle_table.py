@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
-from ..output_files import folder_beside
+from ..output_files import folder_beside, require_folder
 
 WRIST_COLUMNS = ('wrist_x_m', 'wrist_y_m', 'wrist_z_m',
                  'wrist_qx', 'wrist_qy', 'wrist_qz', 'wrist_qw')
@@ -44,8 +44,7 @@ def write_angle_table(
     """
     path = Path(path)
     poses = [wrist + column for wrist in wrists for column in WRIST_COLUMNS]
-    if not path.parent.is_dir():
-        raise TableError(f'{path}: no folder {path.parent}; expected one to write into')
+    require_folder(path, TableError)
     with folder_beside(path, TableError) as scratch:
         unfinished = scratch / path.name
         with open(unfinished, 'w', newline='', encoding='utf-8') as file:

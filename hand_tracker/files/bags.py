@@ -30,7 +30,7 @@ from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.message_definitions import DEFINITIONS
 from ..messages.stamps import stamp_of
-from ..output_files import folder_beside
+from ..output_files import folder_beside, require_folder, require_suffix
 from .cut_mcap import MAX_CHUNK_BYTES, WholeRecords, is_cut
 from .written_kinds import BAG_SUFFIXES
 
@@ -289,10 +289,8 @@ def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None
         If there are no messages, a type is unknown, or the file cannot be written.
     """
     path = Path(path)
-    if path.suffix not in STORAGE:
-        raise BagError(f'{path}: unknown extension {path.suffix!r}; expected .mcap or .db3')
-    if not path.parent.is_dir():
-        raise BagError(f'{path}: no folder {path.parent}; expected one to write into')
+    require_suffix(path, STORAGE, ' or '.join(STORAGE), BagError)
+    require_folder(path, BagError)
     # rosbags writes a folder; the file in it is a complete recording by itself.
     with folder_beside(path, BagError) as scratch:
         folder = scratch / path.stem

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..output_files import write_whole
+from ..output_files import require_folder, write_whole
 from .bag_points import read_bag_points, write_bag_points
 from .bags import BAG_CONTENTS, STORAGE
 from .bvh_file import BVH_START, read_bvh
@@ -272,8 +272,7 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
         If the format is not known, or cannot hold the recording.
     """
     path = Path(path)
-    if not path.parent.is_dir():
-        raise RecordingError(f'{path}: no folder {path.parent}; expected one to write into')
+    require_folder(path, RecordingError)
     if form is None and path.suffix in STORAGE:
         write_bag_points(path, recording)
         return

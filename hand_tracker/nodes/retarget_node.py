@@ -378,12 +378,12 @@ class RetargetNode(SubscriptionHidingNode):
     def _engage_by(self, act: Callable[[float], str]) -> str:
         """Engage the robot by an act of its guard, and the arm with it; return why not."""
         now = time.monotonic()
-        if not self._teleoperation.guard.is_engaged:
+        guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
+        if not guard.is_engaged:
             self._stop_wrist()
         reason = act(now)
-        topic = self._joint_subscriptions[0].topic_name
         if reason and not self.count_publishers(topic):
-            reason += f"; nobody publishes the hand's {topic}"
+            reason = guard.refuse(f"{reason}; nobody publishes the hand's {topic}")
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
             missing = self._wrist.engage(start, now)

@@ -26,7 +26,7 @@ from ..files.skeleton_motion import (
     t_pose_turn,
 )
 from ..files.written_kinds import EULER_ORDERS, MOTION_KINDS, NAMINGS, POINT_KINDS, SKELETON_KIND
-from ..output_files import write_whole
+from ..output_files import require_folder, require_suffix, write_whole
 from ..skin.load import load_skin
 from ..skin.skinning import Skin
 from .recording import RecordedFrame
@@ -119,11 +119,8 @@ def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NA
             tracked, TrackedHands) else joint_centres(tracked, path.stem)
         write_recording(path, centres)
         return
-    if path.suffix not in MOTION_KINDS:
-        raise HandTrackerError(f'{path}: unknown extension {path.suffix!r}; expected '
-                               f'{", ".join(MOTION_KINDS)}')
-    if not path.parent.is_dir():
-        raise HandTrackerError(f'{path}: no folder {path.parent}; expected one to write into')
+    require_suffix(path, MOTION_KINDS)
+    require_folder(path)
     # Frames of BVH have no times of their own.
     evenly = path.suffix == SKELETON_KIND
     if isinstance(tracked, TrackedHands):

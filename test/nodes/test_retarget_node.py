@@ -112,6 +112,7 @@ def test_that_nobody_publishes_the_hand_is_told_to_who_engages(robot):
         assert not answer.success
         assert answer.message == (
             "there is no hand to follow; nobody publishes the hand's /joint_states")
+        process.wait_for_line(f'disengaged: {answer.message}')
         assert process.interrupt() == 0, process.output
 
 
