@@ -19,8 +19,8 @@ LONGEST_HIDDEN = 5.         # [s] after which that stops growing
 CLUTTER_RANGE = .25         # [m] on each axis from the palm: neighbourhood of a hand
 ASTRAY_DISTANCE = 4.        # gate: implausible posture, distance relative to the typical; ours
 LEAST_FOLLOWED = .3         # share of seen markers below which a hand is lost
-RELABELLING_FRAMES = 6      # between two relabellings
-SEARCH_FRAMES = 36          # between two searches for the palm elsewhere
+RELABELLING_PERIOD = .05    # [s] between two relabellings
+SEARCH_PERIOD = .3          # [s] between two searches for the palm elsewhere
 BIRTHS = .005, .1, 10.       # new points near a hand in a frame: least, initial, most; ours
 
 
@@ -118,10 +118,8 @@ class HandTrack(NamedTuple):
         Time left after a cut in which a rival labelling is taken at once; negative once over [s].
     unlikely_for : ndarray, shape (1,)
         Time for which the posture has been unlikely, which puts the labels in doubt [s].
-    unreviewed_for : ndarray, shape (1,)
-        Time since the last relabelling [s].
-    since_relabelling, since_search : ndarray of int, shape (1,)
-        Frames since the last relabelling, and since the last search for the palm elsewhere.
+    unreviewed_for, unsearched_for : ndarray, shape (1,)
+        Time since the last relabelling, and since the last search for the palm elsewhere [s].
     next_corner : ndarray of int, shape (1,)
         Point from which that search continues.
     """
@@ -152,8 +150,7 @@ class HandTrack(NamedTuple):
     shaken_for: np.ndarray
     unlikely_for: np.ndarray
     unreviewed_for: np.ndarray
-    since_relabelling: np.ndarray
-    since_search: np.ndarray
+    unsearched_for: np.ndarray
     next_corner: np.ndarray
 
 
@@ -171,9 +168,9 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
                 np.zeros((count, 3)), np.zeros(count)),
         np.zeros((count, count)), np.full((count, 3), np.nan),
         np.zeros((count, count)), np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, BIRTHS[1]),
-        np.zeros(1), np.zeros(1), np.zeros(1),
+        np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
-        np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
+        np.full(1, RELABELLING_PERIOD), np.full(1, SEARCH_PERIOD), np.zeros(1, dtype=np.int64))
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 

@@ -15,8 +15,8 @@ from .clutter import Cloud, PointHistory
 from .hand_track import (
     ASTRAY_DISTANCE,
     LEAST_FOLLOWED,
-    RELABELLING_FRAMES,
-    SEARCH_FRAMES,
+    RELABELLING_PERIOD,
+    SEARCH_PERIOD,
     HandTrack,
     reset_palm_gaps,
     start_places,
@@ -51,7 +51,7 @@ CONTRADICTING_LEAD = 15.    # cost lead of a rival above which labels lose trust
 GREATEST_HASTE = 3.         # and as many times the time that passes at most; ours
 LONGEST_TRUST = 2.          # [s] upper bound of trust; ours
 TRUST_TIME = 1.             # [s] without a better rival for full trust; ours
-PRESSING_FRAMES = 2         # between two relabellings while the labels are in doubt
+PRESSING_PERIOD = .0167     # [s] between two relabellings while the labels are in doubt
 STILL_SEEN = .75            # share of the seen markers that stay; with fewer, a cut; ours
 SHAKEN_TIME = .1            # [s] after a cut in which a rival is taken at once; ours
 SHAKEN_MARGIN = 3.          # cost lead that such a rival needs [variances]; ours
@@ -123,18 +123,17 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
             track.suspected_for[i] = 0.
             track.hidden_for[i] = step
             reset_palm_gaps(prototype, track, i)
-    track.since_relabelling[0] += 1
     track.unreviewed_for[0] += step
-    track.since_search[0] += 1
+    track.unsearched_for[0] += step
     track.shaken_for[0] -= step
     unlikely = finding.distance[0] > UNLIKELY * max(prototype.typical, LEAST_TYPICAL)
     track.unlikely_for[0] = track.unlikely_for[0] + step if unlikely else 0.
     pressing = few or unlikely or track.shaken_for[0] > 0.
-    if track.since_relabelling[0] < (PRESSING_FRAMES if pressing or track.doubt[0] > 0.
-                                     else RELABELLING_FRAMES):
+    due = PRESSING_PERIOD if pressing or track.doubt[0] > 0. else RELABELLING_PERIOD
+    if track.unreviewed_for[0] < due - .5 * step:   # in the nearest frame
         return False
-    elapsed = track.unreviewed_for[0]
-    track.since_relabelling[0], track.unreviewed_for[0] = 0, 0.
+    elapsed = min(track.unreviewed_for[0], track.age[0])
+    track.unreviewed_for[0] = 0.
     own = cloud.free.copy()
     mark_points(own, finding.rows, True)
     rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
@@ -145,7 +144,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
             complete_palms(prototype, cloud.points, cloud.free, finding.rows, candidates)
             label_candidates(prototype, cloud.points, own, candidates, rival)
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
-    if thorough or track.since_search[0] >= SEARCH_FRAMES:
+    if thorough or track.unsearched_for[0] >= SEARCH_PERIOD - .5 * step:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
     novelty = _novelty(track, rival, cloud, history)
     lead = _lead(rival, finding, novelty, cloud, history)
@@ -164,7 +163,7 @@ def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray
     """Search the hand anew among free points, within a budget; a cheaper one replaces `found`."""
     if not len(points):
         return
-    track.since_search[0] = 0
+    track.unsearched_for[0] = 0.
     budget = (SEARCH_BUDGET if track.shaken_for[0] > 0. else
               PRESSING_BUDGET if thorough else DOUBT_BUDGET)
     candidates = blank_candidates()
