@@ -370,6 +370,33 @@ def test_labels_that_were_trusted_for_long_are_exchanged_as_soon_as_others():
     check_exchanged_back(moving(1200, seed=2), 700, 1100)
 
 
+def time_until_exchanged_back(rate):
+    """Exchange two trusted labels of a moving hand; return after how long all are right [s]."""
+    frames = moving(240)
+    times = np.arange(int(1.9 * rate)) / rate
+    markers = np.array([np.interp(times, np.arange(240) / RATE, coordinate)
+                        for coordinate in frames.reshape(240, -1).T]).T.reshape(-1, 8, 3)
+    random, labeller = np.random.default_rng(1), CloudLabeller([prototype()])
+    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
+    start = int(rate)
+    for number, frame in enumerate(markers):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, times[number])
+        if number == start:
+            track = labeller._hands[0].track
+            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
+            start_places(labeller._hands[0].statistics, points, track)
+            track.trusted_for[:] = .8
+        elif number > start and np.array_equal(found.rows[0], rows):
+            return times[number] - times[start]
+    return np.inf
+
+
+@pytest.mark.parametrize('rate', (30., 60., 480.))
+def test_labels_are_exchanged_after_the_same_time_at_any_rate(rate):
+    assert abs(time_until_exchanged_back(rate) - time_until_exchanged_back(RATE)) < .02
+
+
 def test_a_hand_that_is_lost_is_found_again():
     labeller = CloudLabeller([prototype()])
     frames = moving(300, seed=2)
