@@ -17,6 +17,7 @@ LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
 SIDE_MARGIN = .004               # [m] dorsal of its knuckle on the average: another side
+BENT_FAR = .03                   # [m] towards the palm or the back: shows the side of one take
 
 
 def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
@@ -60,7 +61,13 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
         raise InvalidTake(f'{named}: no marker at the end of {", ".join(missing)}; it has '
                           f'{", ".join(there)}')
     local = _check_palm(named, gathered, worn, palm)
-    return _check_motion(named, next(iter(sides)), gathered, worn, local)
+    weak = _check_motion(named, next(iter(sides)), gathered, worn, local)
+    if len(takes) > 1:
+        ends = np.cumsum([len(take.points) for take in takes])[:-1]
+        for take, own in zip(takes, np.split(local, ends)):
+            # A short take may spread straight fingers alone.
+            _check_side(take.name, take.side, *_heights(gathered, worn, own), BENT_FAR)
+    return weak
 
 
 def _column(gathered: Gathered, name: str) -> int:
@@ -120,18 +127,10 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
         raise InvalidTake(f'{named}: the hand does not move: no finger by more than '
                           f'{1e3 * np.nanmax(spread):.0f} mm in the palm; expected each finger '
                           'bent and straightened, and the thumb moved about')
-    # Fingers that bend go palmar, with the wrong side dorsal.
-    low, high = np.nanpercentile(ends[:, :len(FINGERS), 2], (2., 98.), axis=0)
+    low, high = _heights(gathered, worn, local)
     moving = spread[:len(FINGERS)] > LEAST_MOTION
-    across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
-    roots = local[:, [_column(gathered, name) for name in across_palm], 2]
-    middles = (low + high)[moving] / 2. - np.nanmedian(roots)
+    _check_side(named, side, low[moving], high[moving])
     across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
-    if len(middles) and middles.mean() > SIDE_MARGIN:
-        other = OTHER_SIDE[side]
-        raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
-                          f'a take of a {side} hand: this is a {other} one (--side {other}), or '
-                          'index and little knuckle are exchanged')
     if not (np.diff(across) < 0.).all():
         first = int(np.argmax(np.diff(across) >= 0.))
         raise InvalidTake(f'{named}: the markers of {FINGERS[first]} and {FINGERS[first + 1]} '
@@ -139,3 +138,43 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
     return [f'the {digit}{"" if digit == "thumb" else " finger"} hardly moves: what its markers '
             'could tell is taken from other hands'
             for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]
+
+
+def _heights(gathered: Gathered, worn: tuple[str, ...],
+             local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest place of each finger's marker over the knuckles, dorsal [m].
+
+    NaN where a marker is never seen.
+    """
+    across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
+    roots = local[:, [_column(gathered, name) for name in across_palm], 2]
+    ends = local[:, [_column(gathered, name) for name in worn[3:3 + len(FINGERS)]], 2]
+    heights = np.full((2, len(FINGERS)), np.nan)
+    if np.isfinite(roots).any():
+        seen = np.isfinite(ends).any(axis=0)
+        heights[:, seen] = np.nanpercentile(ends[:, seen], (2., 98.), axis=0) - np.nanmedian(roots)
+    return heights[0], heights[1]
+
+
+def _check_side(named: str, side: str, low: np.ndarray, high: np.ndarray,
+                least: float = 0.) -> None:
+    """Refuse fingers that bend to the back of the hand, as those of the other side seem to.
+
+    Parameters
+    ----------
+    named : str
+        Of the take.
+    side : str
+        Of the hand.
+    low, high : ndarray, shape (k,)
+        Of the fingers, as from `_heights` [m].
+    least : float, optional
+        Difference of the two by which a finger counts [m].
+    """
+    bent = high - low > least
+    if not bent.any() or np.mean((low + high)[bent]) / 2. <= SIDE_MARGIN:
+        return
+    other = OTHER_SIDE[side]
+    raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
+                      f'a take of a {side} hand: this is a {other} one (--side {other}), or '
+                      'index and little knuckle are exchanged')

@@ -55,9 +55,9 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
         If the file is no recording.
     """
     worn = MARKERS if layout is None else layout.names
+    labels = label_map([*options.label, *equated(options.markers, worn)], worn)
     reader = MarkerReader(
-        label_map([*options.label, *equated(options.markers, worn)], worn), options.frame,
-        metres_per_unit(options), not options.keep_zeros)
+        labels, options.frame, metres_per_unit(options), not options.keep_zeros)
     if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
         fault = (f'unknown extension {path.suffix!r}' if path.exists()
                  else 'no such file or folder')
@@ -68,6 +68,11 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
             print(f'{path}: {note}', file=sys.stderr)
         for message in bag.messages([marker_topic(bag, options.topic)]):
             frame = reader.read(message.data)
+            for slot in frame.doubled:
+                raise InvalidTake(
+                    f"{path}: several markers of one message answer to the label "
+                    f"'{labels.labels[slot]}' of {worn[slot]}, as those of two hands do; expected "
+                    f'one (--label {worn[slot]}=NAMESPACE/ID, and so on)')
             time = None if frame.stamp is None else clock.of(frame.stamp, 1e-9 * message.time)
             if time is not None:
                 frames.append(frame.positions.copy())

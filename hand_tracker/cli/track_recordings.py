@@ -201,7 +201,7 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
     count = len(options.recordings)
     if tracked < count:
         raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
-    return f'{folder}: {count} recordings tracked'
+    return f'{folder}: {count} recording{"s" * (count > 1)} tracked'
 
 
 def _is_done(recording: Path | Url, output: Path | Url) -> bool:

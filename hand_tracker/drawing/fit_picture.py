@@ -14,8 +14,8 @@ from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from .palette import BLUE, DIGIT_COLOURS, GREY, INK, MUTED, VERMILLION
 
 FIT_PANEL = 3.4  # [inches] width of a pose
-# Name, axis to the left and axis up of each view of a right hand.
-FIT_VIEWS = (('from the back of the hand', 1, 0), ('from the thumb\'s side', 0, 2))
+# Name, axis to the left (of a left hand to the right) and axis up of each view.
+FIT_VIEWS = (('from the back of the {} hand', 1, 0), ('from the thumb\'s side', 0, 2))
 FIT_AXES = 'distal', 'across', 'dorsal'    # the wrist's x, y and z
 
 
@@ -49,7 +49,7 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
     """
     figure = Figure(figsize=(FIT_PANEL * len(poses), 2. * FIT_PANEL), dpi=110, layout='constrained')
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(FIT_VIEWS), len(poses), squeeze=False)
+    axes = figure.subplots(len(FIT_VIEWS), len(poses), squeeze=False, sharex='row', sharey='row')
     right = hand.as_right()
     tips = tip_offsets(right)
     for column, pose in enumerate(poses):
@@ -62,8 +62,10 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
             if not row:
                 ax.set_title(f'{pose.title}: markers {np.nanmean(misses):.1f} mm off',
                              fontsize=9, color=INK)
-            ax.set_xlabel(f'{view} [mm]', fontsize=8, color=MUTED)
+            ax.set_xlabel(f'{view.format(hand.side)} [mm]', fontsize=8, color=MUTED)
             if not column:
+                if hand.side == 'right':
+                    ax.invert_xaxis()   # of the whole row
                 ax.set_ylabel(f'{FIT_AXES[up]} [mm]', fontsize=8, color=MUTED)
     figure.legend(*axes[0][0].get_legend_handles_labels(), loc='outside lower center', ncols=2,
                   frameon=False, fontsize=8)
@@ -88,7 +90,6 @@ def _draw_view(ax: Axes, points: np.ndarray, pose: FittedPose,
             markeredgecolor=VERMILLION, label='marker as measured')
     ax.plot(*modelled.T, linestyle='', marker='.', markersize=5, color=BLUE,
             label='on the fitted hand (modelled)')
-    ax.invert_xaxis()
     ax.set_aspect('equal')
     ax.tick_params(labelsize=7, colors=MUTED)
     for side in ('top', 'right'):

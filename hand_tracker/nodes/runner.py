@@ -6,7 +6,9 @@ import faulthandler
 import gc
 import os
 import re
+import shlex
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
@@ -25,6 +27,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
@@ -275,6 +278,10 @@ def _init(args: list[str] | None) -> None:
     except RuntimeError as error:  # RCLError has no public name
         places_in_rcl = r', at \S+:\d+'
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
+    given = sys.argv[1:] if args is None else args
+    if words := remove_ros_args(given):
+        raise InvalidArguments(f"'{shlex.join(words)}': no arguments of ROS; expected parameters "
+                               'as --ros-args -p NAME:=VALUE')
 
 
 def _warn_of_unknown(nodes: Sequence[Node]) -> None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.model.hand import BOTH
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
@@ -174,7 +175,8 @@ class InputMonitor:
             self.warn_once(
                 ('doubled', slot), 'several markers of one message answer to the label '
                 f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
-                f'A more precise {self.names.label.format(marker)} tells them apart')
+                f'A more precise {self.names.label.format(marker)} tells them apart, '
+                f'{self.names.side.format(BOTH)} those of two hands')
 
     def received_alike(self, now: float, stamp: Time) -> None:
         """Note messages with the signature of the last one.

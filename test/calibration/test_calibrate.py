@@ -14,6 +14,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 from hand_tracker.files.hand_file import load_hand
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.simulation.motions import motion_named
 
 HAND = Hand.scaled(.19, .09)
@@ -65,6 +66,14 @@ def test_a_recording_in_which_no_marker_is_seen(tmp_path, capsys):
         for stamp in range(10 ** 18, 10 ** 18 + 10 ** 9, 10 ** 7)))
     assert main([str(tmp_path / 'take.mcap'), '-o', str(tmp_path / 'hand.yaml')]) == 1
     assert 'none of the markers is ever seen in 100 messages' in capsys.readouterr().err
+
+
+def test_a_recording_of_two_hands_is_refused_unless_labels_tell_them_apart(tmp_path, capsys):
+    path = str(packaged_recording('both'))
+    assert main([path, '-o', str(tmp_path / 'hand.yaml')]) == 1
+    assert "answer to the label '0' of wrist, as those of two hands do" in capsys.readouterr().err
+    labels = [f'--label={marker}=left/{number}' for number, marker in enumerate(MARKERS)]
+    assert main([path, *labels, '--side', 'left', '-o', str(tmp_path / 'hand.yaml')]) == 0
 
 
 def test_what_is_no_take_is_told_what_would_be_one(tmp_path, capsys):

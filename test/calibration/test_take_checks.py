@@ -52,6 +52,14 @@ def test_the_other_side_is_refused():
         check_takes([good_take()._replace(side='left')])
 
 
+def test_a_take_of_the_other_side_among_others_is_refused():
+    take = good_take()
+    other = take._replace(name='other', points=take.points * (1., -1., 1.))
+    for takes in ((take, other), (other, take), (take, other, other)):
+        with pytest.raises(InvalidTake, match=r'^other: .* this is a left one \(--side left\)'):
+            check_takes(takes)
+
+
 def test_exchanged_labels_of_fingers_are_refused():
     take = simulated_take(Hand.scaled(), WORN_PLACES, seconds=12.)[0]
     names = list(take.names)

@@ -38,6 +38,13 @@ def test_a_process_whose_end_hangs_is_ended_with_a_traceback():
         assert 'in destroy_node' in process.output
 
 
+def test_words_that_ros_does_not_know_are_refused():
+    module = 'hand_tracker.nodes.tracker_node'
+    with Process([sys.executable, '-m', module, '--side', 'left', '--ros-args']) as process:
+        process.wait_for_line("'--side left': no arguments of ROS; expected parameters as --ros-a")
+        assert process.wait() == 1
+
+
 FAULT_BESIDE_A_LOOP = '''
 from threading import Event
 from rclpy.node import Node
