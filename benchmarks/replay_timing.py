@@ -57,7 +57,7 @@ def play(out):
         load = (time.process_time() - before) / (time.monotonic() - start)
         out.write_text(json.dumps({'lateness': node.lateness, 'load': load}))
 
-    return run(TimedReplay, work)
+    return run(TimedReplay, work, ros_words_alone=False)
 
 
 def record(path, rate, seconds):

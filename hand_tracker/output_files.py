@@ -17,7 +17,7 @@ class OutputError(HandTrackerError):
 
 def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
                    refusal: type[HandTrackerError] = OutputError) -> None:
-    """Refuse a file of another kind.
+    """Refuse a file with another extension.
 
     Parameters
     ----------
@@ -27,7 +27,12 @@ def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
     expected : str, optional
         What the message expects; the suffixes when left out.
     refusal : type of HandTrackerError, optional
-        Raised.
+        Of the error.
+
+    Raises
+    ------
+    OutputError
+        Or `refusal`.
     """
     if path.suffix not in suffixes:
         raise refusal(f'{path}: unknown extension {path.suffix!r}; '
@@ -35,7 +40,19 @@ def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
 
 
 def require_folder(path: Path, refusal: type[HandTrackerError] = OutputError) -> None:
-    """Refuse a file in a folder that is not there, by raising `refusal`."""
+    """Refuse a file in a folder that is not there.
+
+    Parameters
+    ----------
+    path : Path
+    refusal : type of HandTrackerError, optional
+        Of the error.
+
+    Raises
+    ------
+    OutputError
+        Or `refusal`.
+    """
     if not path.parent.is_dir():
         raise refusal(f'{path}: no folder {path.parent}; expected one to write into')
 

@@ -114,7 +114,7 @@ def _coverage_lines(covered: list[Covered]) -> Iterator[str]:
 
 
 def _pictured(fit: MarkerFit, gathered: Gathered) -> list[FittedPose]:
-    """Return an open, an average and a closed hand of the take."""
+    """Return an open, the median and a closed hand of the take, by flexion."""
     flexion = fit.postures[:, FLEXION_JOINTS[:, :2].ravel()].sum(axis=1)
     order = np.argsort(flexion)
     rows = [int(order[int(share * (len(order) - 1))]) for share in PICTURED_FLEXION]
@@ -122,4 +122,4 @@ def _pictured(fit: MarkerFit, gathered: Gathered) -> list[FittedPose]:
     modelled = place_mounted(fit.hand.as_right(), mounts, fit.postures[rows],
                              np.tile(np.eye(3), (len(rows), 1, 1)), np.zeros((len(rows), 3)))
     return [FittedPose(title, fit.postures[row], fit.local[row], points)
-            for title, row, points in zip(('open', 'average', 'closed'), rows, modelled)]
+            for title, row, points in zip(('open', 'median', 'closed'), rows, modelled)]

@@ -17,7 +17,7 @@ LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
 SIDE_MARGIN = .004               # [m] dorsal of its knuckle on the average: another side
-BENT_FAR = .03                   # [m] towards the palm or the back: shows the side of one take
+LEAST_BEND = .03                 # [m] range of a finger's marker over the palm, of one take of many
 
 
 def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
@@ -61,13 +61,14 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
         raise InvalidTake(f'{named}: no marker at the end of {", ".join(missing)}; it has '
                           f'{", ".join(there)}')
     local = _check_palm(named, gathered, worn, palm)
-    weak = _check_motion(named, next(iter(sides)), gathered, worn, local)
+    side = next(iter(sides))
     if len(takes) > 1:
         ends = np.cumsum([len(take.points) for take in takes])[:-1]
         for take, own in zip(takes, np.split(local, ends)):
-            # A short take may spread straight fingers alone.
-            _check_side(take.name, take.side, *_heights(gathered, worn, own), BENT_FAR)
-    return weak
+            # One in which no finger bends that far shows no side.
+            _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
+    _check_side(named, side, gathered, worn, local, LEAST_MOTION)
+    return _check_motion(named, gathered, worn, local)
 
 
 def _column(gathered: Gathered, name: str) -> int:
@@ -117,9 +118,9 @@ def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
     return local
 
 
-def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],
+def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
                   local: np.ndarray) -> list[str]:
-    """Return the digits without motion; refuse still hands, the other side, and wrong labels."""
+    """Return the digits without motion; refuse still hands, and wrong labels."""
     ends = local[:, [_column(gathered, name) for name in worn[3:]]]
     middle = np.nanmedian(ends, axis=0)
     spread = np.nanpercentile(np.linalg.norm(ends - middle, axis=2), 95., axis=0)
@@ -127,9 +128,6 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
         raise InvalidTake(f'{named}: the hand does not move: no finger by more than '
                           f'{1e3 * np.nanmax(spread):.0f} mm in the palm; expected each finger '
                           'bent and straightened, and the thumb moved about')
-    low, high = _heights(gathered, worn, local)
-    moving = spread[:len(FINGERS)] > LEAST_MOTION
-    _check_side(named, side, low[moving], high[moving])
     across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
     if not (np.diff(across) < 0.).all():
         first = int(np.argmax(np.diff(across) >= 0.))
@@ -140,41 +138,35 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
             for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]
 
 
-def _heights(gathered: Gathered, worn: tuple[str, ...],
-             local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest place of each finger's marker over the knuckles, dorsal [m].
 
-    NaN where a marker is never seen.
-    """
-    across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
-    roots = local[:, [_column(gathered, name) for name in across_palm], 2]
-    ends = local[:, [_column(gathered, name) for name in worn[3:3 + len(FINGERS)]], 2]
-    heights = np.full((2, len(FINGERS)), np.nan)
-    if np.isfinite(roots).any():
-        seen = np.isfinite(ends).any(axis=0)
-        heights[:, seen] = np.nanpercentile(ends[:, seen], (2., 98.), axis=0) - np.nanmedian(roots)
-    return heights[0], heights[1]
-
-
-def _check_side(named: str, side: str, low: np.ndarray, high: np.ndarray,
-                least: float = 0.) -> None:
+def _check_side(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],
+                local: np.ndarray, least: float) -> None:
     """Refuse fingers that bend to the back of the hand, as those of the other side seem to.
 
     Parameters
     ----------
     named : str
-        Of the take.
+        Of the take, or of all.
     side : str
         Of the hand.
-    low, high : ndarray, shape (k,)
-        Of the fingers, as from `_heights` [m].
-    least : float, optional
-        Difference of the two by which a finger counts [m].
+    gathered : Gathered
+    worn : tuple of str
+        The markers of the palm, and of each digit's end.
+    local : ndarray, shape (frames, markers, 3)
+        Of the take, in the palm's frame [m].
+    least : float
+        Range across the palm from which on a finger's marker counts [m].
     """
-    bent = high - low > least
-    if not bent.any() or np.mean((low + high)[bent]) / 2. <= SIDE_MARGIN:
+    across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
+    roots = local[:, [_column(gathered, name) for name in across_palm], 2]
+    heights = local[:, [_column(gathered, name) for name in worn[3:3 + len(FINGERS)]], 2]
+    heights = heights[:, np.isfinite(heights).any(axis=0)]
+    if not heights.size or not np.isfinite(roots).any():
         return
-    other = OTHER_SIDE[side]
-    raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
-                      f'a take of a {side} hand: this is a {other} one (--side {other}), or '
-                      'index and little knuckle are exchanged')
+    low, high = np.nanpercentile(heights, (2., 98.), axis=0)
+    middles = (low + high)[high - low > least] / 2. - np.nanmedian(roots)
+    if len(middles) and middles.mean() > SIDE_MARGIN:
+        other = OTHER_SIDE[side]
+        raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
+                          f'a take of a {side} hand: this is a {other} one (--side {other}), or '
+                          'index and little knuckle are exchanged')

@@ -105,6 +105,11 @@ class LabelMap:
             return None
         return slot
 
+    def doubled(self, slot: int) -> str:
+        """Return in words that several markers of one message have the label of a slot."""
+        return (f"several markers of one message answer to the label '{self.labels[slot]}' of "
+                f'{self.names[slot]}')
+
     def is_of_other_hand(self, namespace: str, number: int) -> bool:
         """Return whether a marker without a slot here has a label of another hand."""
         return any(other._find(namespace, number)[1] is not None for other in self._others)

@@ -49,8 +49,7 @@ def main(args: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='all', description=(__doc__ or '').partition('\n')[0])
     parser.add_argument('nodes', nargs='*', metavar='NODE', help=', '.join(NODE_CLASSES))
-    words = sys.argv[1:] if args is None else args
-    given = parser.parse_args(remove_ros_args(words)).nodes
+    given = parser.parse_args(remove_ros_args(args)[1:] if args is None else args).nodes
     names = list(dict.fromkeys(given or USUAL_NODES))
     if unknown := [name for name in names if name not in NODE_CLASSES]:
         parser.error(f"'{unknown[0]}' is no node; expected {', '.join(NODE_CLASSES)}")
@@ -59,8 +58,7 @@ def main(args: list[str] | None = None) -> int:
     leading = [name for name in names if hasattr(classes[name], 'play')]
     if len(leading) > 1:
         parser.error(f'{" and ".join(leading)}: each has a loop of its own; expected one at most')
-    return run_together(list(classes.values()), serve,
-                        [word for word in words if word not in given])
+    return run_together(list(classes.values()), serve, args, ros_words_alone=False)
 
 
 if __name__ == '__main__':

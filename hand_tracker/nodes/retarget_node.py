@@ -173,6 +173,7 @@ class RetargetNode(SubscriptionHidingNode):
                 for name in dict.fromkeys(chosen)]
 
     def _listen(self, raw: bool) -> None:
+        self._hand_fault = ''
         latest, recent = (QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
                           for depth in (1, RETARGET_DEPTH))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -381,9 +382,10 @@ class RetargetNode(SubscriptionHidingNode):
         guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
         if not guard.is_engaged:
             self._stop_wrist()
-        reason = act(now)
+        reason, self._hand_fault = act(now), ''
         if reason and not self.count_publishers(topic):
-            reason = guard.refuse(f"{reason}; nobody publishes the hand's {topic}")
+            self._hand_fault = f"nobody publishes the hand's {topic}"
+            reason = f'{reason}; {self._hand_fault}'
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
             missing = self._wrist.engage(start, now)
@@ -443,8 +445,8 @@ class RetargetNode(SubscriptionHidingNode):
     def _reason(self) -> str:
         """Why the robot is in its state, and why its arm stays, for a person."""
         guard = self._teleoperation.guard
-        arm = self._wrist_fault if guard.is_engaged else ''
-        return f'{guard.reason}; {arm}' if arm else guard.reason
+        fault = self._wrist_fault if guard.is_engaged else self._hand_fault
+        return f'{guard.reason}; {fault}' if fault else guard.reason
 
     def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""

@@ -199,7 +199,8 @@ def spinning(*nodes: Node) -> Iterator[None]:
 
 
 def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
-        args: list[str] | None = None, name: str = 'hand_tracker') -> int:
+        args: list[str] | None = None, name: str = 'hand_tracker',
+        ros_words_alone: bool = True) -> int:
     """Make a node, let it work, end cleanly; the `main` of every node.
 
     Parameters
@@ -212,6 +213,8 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         Command line; that of the process when not given.
     name : str
         Of the logger before there is a node.
+    ros_words_alone : bool, optional
+        Whether to refuse words of the command line that ROS does not know: the node has no others.
 
     Returns
     -------
@@ -219,11 +222,12 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         Exit code: 0 at the end of the work or when interrupted by SIGINT or SIGTERM, 1 after
         an error of the user's input, which is logged in one line.
     """
-    return run_together([make_node], work, args, name)
+    return run_together([make_node], work, args, name, ros_words_alone)
 
 
 def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., object] = spin,
-                 args: list[str] | None = None, name: str = 'hand_tracker') -> int:
+                 args: list[str] | None = None, name: str = 'hand_tracker',
+                 ros_words_alone: bool = True) -> int:
     """Make nodes in one process, let them work, end cleanly, as `run`.
 
     Parameters
@@ -232,7 +236,7 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
         Each returns a node.
     work : callable
         Called with the nodes.
-    args, name
+    args, name, ros_words_alone
         See `run`.
     """
     # rclpy's own handlers end the context from another thread, in the middle of a publish.
@@ -240,6 +244,8 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
     nodes: list[Node] = []
     try:
         _init(args)
+        if ros_words_alone:
+            _refuse_words(remove_ros_args(sys.argv[1:] if args is None else args))
         for make_node in makers:
             nodes.append(make_node())
         _handle_interrupts(_interrupt)
@@ -278,8 +284,10 @@ def _init(args: list[str] | None) -> None:
     except RuntimeError as error:  # RCLError has no public name
         places_in_rcl = r', at \S+:\d+'
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
-    given = sys.argv[1:] if args is None else args
-    if words := remove_ros_args(given):
+
+
+def _refuse_words(words: list[str]) -> None:
+    if words:
         raise InvalidArguments(f"'{shlex.join(words)}': no arguments of ROS; expected parameters "
                                'as --ros-args -p NAME:=VALUE')
 

@@ -231,9 +231,9 @@ class CommandGuard:
             return ''
         memory = self.memory
         if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
-            return self.refuse('the deadman is not pressed (hold_to_engage)')
+            return self._refuse('the deadman is not pressed (hold_to_engage)')
         if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
-            return self.refuse('there is no hand to follow')
+            return self._refuse('there is no hand to follow')
         if self.state is GuardState.RELAXING:
             self._go(GuardState.EASING, 'the hand is back, and it was engaged anew')
             return ''
@@ -241,14 +241,14 @@ class CommandGuard:
         if self.options.require_robot_state:
             if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
                 kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
-                return self.refuse(
+                return self._refuse(
                     f"the robot's joint states are missing or {kind}{self._robot_fault()}")
             start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
             beyond /= self._per_radian
             if beyond.max() > self.options.outside_limits:
                 joint = int(beyond.argmax())
-                return self.refuse(
+                return self._refuse(
                     f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
                     f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
         self._command[:] = np.clip(start, self._lower, self._upper)
@@ -266,8 +266,7 @@ class CommandGuard:
             return ': they have the same stamp again and again'
         return '' if fault == NO_FAULT else f': {self._names[fault]} is not finite'
 
-    def refuse(self, reason: str) -> str:
-        """Keep and return the reason why it is not engaged."""
+    def _refuse(self, reason: str) -> str:
         self._reason = reason
         return reason
 

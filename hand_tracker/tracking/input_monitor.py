@@ -171,12 +171,12 @@ class InputMonitor:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                            f"frame '{frame.frame_id}' are tracked ({self.names.frame})")
         for slot in frame.doubled:
-            marker = self.labels.names[slot]
-            self.warn_once(
-                ('doubled', slot), 'several markers of one message answer to the label '
-                f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
-                f'A more precise {self.names.label.format(marker)} tells them apart, '
-                f'{self.names.side.format(BOTH)} those of two hands')
+            precise = self.names.label.format(self.labels.names[slot])
+            cure = f'A more precise {precise} tells them apart'
+            if self.labels.labels[slot].isdecimal():
+                cure += f'. If they are of two hands, {self.names.side.format(BOTH)} tracks both'
+            self.warn_once(('doubled', slot), f'{self.labels.doubled(slot)}; the last one counts. '
+                           f'{cure}')
 
     def received_alike(self, now: float, stamp: Time) -> None:
         """Note messages with the signature of the last one.

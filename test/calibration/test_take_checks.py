@@ -55,7 +55,7 @@ def test_the_other_side_is_refused():
 def test_a_take_of_the_other_side_among_others_is_refused():
     take = good_take()
     other = take._replace(name='other', points=take.points * (1., -1., 1.))
-    for takes in ((take, other), (other, take), (take, other, other)):
+    for takes in ((take, other), (other, take), (take.part(np.arange(60, 200)), other, other)):
         with pytest.raises(InvalidTake, match=r'^other: .* this is a left one \(--side left\)'):
             check_takes(takes)
 

@@ -1,5 +1,6 @@
 """The viewer beside a running tracker: what it hears, and what its switches do there."""
 
+import sys
 import time
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ from builtin_interfaces.msg import Time
 from helpers.bench import hand_at, message, messages
 from helpers.hands import markers_of
 from helpers.markers import marker
-from helpers.ros_process import PATIENCE, NodeProcess, watching_node
+from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -121,6 +122,14 @@ def test_without_constraints_it_tracks_markers_without_stamps_and_warns_once_of_
     assert live.bare_state() is None
     live._on_markers(stream, serialize_message(message(hand_at(), 0)))
     assert np.isfinite(live.bare_state().angles).all()
+
+
+def test_the_program_takes_options_of_the_page():
+    pytest.importorskip('viser')
+    command = [sys.executable, '-m', 'hand_tracker.nodes.viewer_node', '--port', '0', '--ros-args']
+    with NodeProcess('hand_tracker.nodes.tracker_node'), Process(command) as process:
+        process.wait_for_line('http://')
+        assert process.interrupt() == 0, process.output
 
 
 def test_it_follows_the_hand_that_is_tracked(tmp_path):

@@ -233,7 +233,7 @@ class CloudLabeller:
         self._clutter = no_clutter(count)
         self._last = no_points()
         self._last_step = UNTIMED_STEP
-        self._unreviewed_for = 0.   # [s] since the last joint search
+        self._since_joint_search = 0.    # [s]
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -302,7 +302,7 @@ class CloudLabeller:
             cloud, names = cloud[kept], names[kept]
         frame = new_cloud(cloud, names)
         step = self._step(time)
-        self._unreviewed_for += step
+        self._since_joint_search += step
         for hand in self._hands:
             hand.side.elapse(step)
         self._follow(frame, step)
@@ -418,7 +418,7 @@ class CloudLabeller:
                   and other.track is not None
                   and np.isin(other.track.finding.rows, finding.rows[finding.rows >= 0]).any()]
         if rivals:
-            self._unreviewed_for = np.inf   # the first found may have points of the other
+            self._since_joint_search = np.inf   # the first found may have points of the other
         believable = self._is_believable(hand, frame)
         if not believable or any(
                 other.confirmed or (other.track is not None
@@ -450,7 +450,7 @@ class CloudLabeller:
 
         Of hands found one by one, the first may have points of the other.
         """
-        if len(self._hands) < 2 or self._unreviewed_for < REVIEW_PERIOD:
+        if len(self._hands) < 2 or self._since_joint_search < REVIEW_PERIOD:
             return
         present = [(hand.track.finding, hand.side.lead) for hand in self._hands
                    if hand.track is not None and hand.confirmed]
@@ -458,7 +458,7 @@ class CloudLabeller:
         if not present or (len(present) == len(self._hands)
                            and np.linalg.norm(np.ptp(places, axis=0)) > TOGETHER_GAP):
             return
-        self._unreviewed_for = 0.
+        self._since_joint_search = 0.
         points = frame.points
         near = np.any([_near(points, finding) for finding, _ in present], axis=0)
         found = self._found_together(points, near, SEARCH_BUDGET)

@@ -119,7 +119,8 @@ class HandTrack(NamedTuple):
     unlikely_for : ndarray, shape (1,)
         Time for which the posture has been unlikely, which puts the labels in doubt [s].
     unreviewed_for, unsearched_for : ndarray, shape (1,)
-        Time since the last relabelling, and since the last search for the palm elsewhere [s].
+        Time since the last relabelling, and since the last search for the palm elsewhere; at first
+        the period of each [s].
     next_corner : ndarray of int, shape (1,)
         Point from which that search continues.
     """

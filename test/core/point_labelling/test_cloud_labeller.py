@@ -344,22 +344,27 @@ def test_a_hand_of_the_other_side_that_begins_flat_is_given_up_as_it_bends(side)
             assert not found.found[0] and found.other_side[0], number
 
 
+def exchange_index_and_thumb(labeller, points, rows, trusted):
+    """Exchange two labels of a followed hand, trusted for a time [s] if that is given."""
+    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
+    hand = labeller._hands[0]
+    hand.track.finding.rows[[index, thumb]] = rows[[thumb, index]]
+    start_places(hand.statistics, points, hand.track)
+    if trusted is not None:
+        hand.track.trusted_for[:] = trusted
+
+
 def check_exchanged_back(frames, start, end, trusted=None):
     """Exchange two labels in a frame, trusted for a time [s]; check that all are right from end."""
     random = np.random.default_rng(3)
     labeller = CloudLabeller([prototype()])
-    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
     for number, frame in enumerate(frames):
         points, rows = shuffled(frame, random)
         found = labeller.update(points, number / RATE)
         if not start < number < end:
             assert np.array_equal(found.rows[0], rows), number
         if number == start:
-            track = labeller._hands[0].track
-            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
-            start_places(labeller._hands[0].statistics, points, track)
-            if trusted is not None:
-                track.trusted_for[:] = trusted
+            exchange_index_and_thumb(labeller, points, rows, trusted)
 
 
 def test_labels_that_others_have_long_been_better_than_are_exchanged():
@@ -370,31 +375,32 @@ def test_labels_that_were_trusted_for_long_are_exchanged_as_soon_as_others():
     check_exchanged_back(moving(1200, seed=2), 700, 1100)
 
 
-def time_until_exchanged_back(rate):
-    """Exchange two trusted labels of a moving hand; return after how long all are right [s]."""
+def time_until_exchanged_back(rate, clock):
+    """Exchange two trusted labels of a moving hand; return after how long all are right [s].
+
+    The clock [s] is that of the first frame.
+    """
     frames = moving(240)
     times = np.arange(int(1.9 * rate)) / rate
     markers = np.array([np.interp(times, np.arange(240) / RATE, coordinate)
                         for coordinate in frames.reshape(240, -1).T]).T.reshape(-1, 8, 3)
     random, labeller = np.random.default_rng(1), CloudLabeller([prototype()])
-    index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))
     start = int(rate)
     for number, frame in enumerate(markers):
         points, rows = shuffled(frame, random)
-        found = labeller.update(points, times[number])
+        found = labeller.update(points, clock + times[number])
         if number == start:
-            track = labeller._hands[0].track
-            track.finding.rows[[index, thumb]] = rows[[thumb, index]]
-            start_places(labeller._hands[0].statistics, points, track)
-            track.trusted_for[:] = .8
+            exchange_index_and_thumb(labeller, points, rows, trusted=.8)
         elif number > start and np.array_equal(found.rows[0], rows):
             return times[number] - times[start]
     return np.inf
 
 
-@pytest.mark.parametrize('rate', (30., 60., 480.))
+@pytest.mark.parametrize('rate', (30., 50., 60., 90., 480.))
 def test_labels_are_exchanged_after_the_same_time_at_any_rate(rate):
-    assert abs(time_until_exchanged_back(rate) - time_until_exchanged_back(RATE)) < .02
+    usual = time_until_exchanged_back(RATE, 0.)
+    for clock in (0., 1.7e9 + .003):
+        assert abs(time_until_exchanged_back(rate, clock) - usual) < .03
 
 
 def test_a_hand_that_is_lost_is_found_again():
