@@ -173,7 +173,7 @@ class RetargetNode(SubscriptionHidingNode):
                 for name in dict.fromkeys(chosen)]
 
     def _listen(self, raw: bool) -> None:
-        self._hand_fault = ''
+        self._hand_fault, self._faulty_reason = '', ''   # the fault, and the guard's reason then
         latest, recent = (QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
                           for depth in (1, RETARGET_DEPTH))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -384,7 +384,8 @@ class RetargetNode(SubscriptionHidingNode):
             self._stop_wrist()
         reason, self._hand_fault = act(now), ''
         if reason and not self.count_publishers(topic):
-            self._hand_fault = f"nobody publishes the hand's {topic}"
+            self._hand_fault, self._faulty_reason = (
+                f"nobody publishes the hand's {topic}", guard.reason)
             reason = f'{reason}; {self._hand_fault}'
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
@@ -445,7 +446,8 @@ class RetargetNode(SubscriptionHidingNode):
     def _reason(self) -> str:
         """Why the robot is in its state, and why its arm stays, for a person."""
         guard = self._teleoperation.guard
-        fault = self._wrist_fault if guard.is_engaged else self._hand_fault
+        fault = self._wrist_fault if guard.is_engaged else (
+            self._hand_fault if guard.reason == self._faulty_reason else '')
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
     def _publish_state(self) -> None:

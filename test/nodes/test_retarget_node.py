@@ -113,7 +113,9 @@ def test_that_nobody_publishes_the_hand_is_told_to_who_engages(robot):
         assert answer.message == (
             "there is no hand to follow; nobody publishes the hand's /joint_states")
         process.wait_for_line(f'disengaged: {answer.message}')
+        assert node.call(SetBool, 'retarget/engage', SetBool.Request(data=False)).success
         assert process.interrupt() == 0, process.output
+        assert process.output.count('nobody publishes') == 1
 
 
 def test_an_arm_may_share_the_topic_of_the_hand(robot):
