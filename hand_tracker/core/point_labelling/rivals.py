@@ -52,7 +52,7 @@ GREATEST_HASTE = 3.         # and as many times the time that passes at most; ou
 LONGEST_TRUST = 2.          # [s] upper bound of trust; ours
 TRUST_TIME = 1.             # [s] without a better rival for full trust; ours
 PRESSING_PERIOD = 1. / 60.  # [s] between two relabellings while the labels are in doubt
-EARLY = .4                  # [1] of a step by which a period may be shorter: near no usual rate
+EARLY_STEP = .4             # [1] of a step by which a period may be shorter: near no usual rate
 STILL_SEEN = .75            # share of the seen markers that stay; with fewer, a cut; ours
 SHAKEN_TIME = .1            # [s] after a cut in which a rival is taken at once; ours
 SHAKEN_MARGIN = 3.          # cost lead that such a rival needs [variances]; ours
@@ -131,7 +131,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     track.unlikely_for[0] = track.unlikely_for[0] + step if unlikely else 0.
     pressing = few or unlikely or track.shaken_for[0] > 0.
     due = PRESSING_PERIOD if pressing or track.doubt[0] > 0. else RELABELLING_PERIOD
-    if track.unreviewed_for[0] < due - EARLY * step:
+    if track.unreviewed_for[0] < due - EARLY_STEP * step:
         return False
     # A new track begins as if it was due.
     elapsed = min(track.unreviewed_for[0], track.age[0])
@@ -146,7 +146,7 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
             complete_palms(prototype, cloud.points, cloud.free, finding.rows, candidates)
             label_candidates(prototype, cloud.points, own, candidates, rival)
     thorough = pressing or track.doubt[0] > RIVAL_MARGIN
-    if thorough or track.unsearched_for[0] >= SEARCH_PERIOD - EARLY * step:
+    if thorough or track.unsearched_for[0] >= SEARCH_PERIOD - EARLY_STEP * step:
         _search_elsewhere(prototype, track, cloud.points, own, thorough, rival)
     novelty = _novelty(track, rival, cloud, history)
     lead = _lead(rival, finding, novelty, cloud, history)
