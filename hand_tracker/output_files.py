@@ -40,19 +40,7 @@ def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
 
 
 def require_folder(path: Path, refusal: type[HandTrackerError] = OutputError) -> None:
-    """Refuse a file in a folder that is not there.
-
-    Parameters
-    ----------
-    path : Path
-    refusal : type of HandTrackerError, optional
-        Of the error.
-
-    Raises
-    ------
-    OutputError
-        Or `refusal`.
-    """
+    """Refuse a file in a folder that is not there; parameters and errors as of `require_suffix`."""
     if not path.parent.is_dir():
         raise refusal(f'{path}: no folder {path.parent}; expected one to write into')
 
