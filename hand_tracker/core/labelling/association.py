@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..model.palm_triangle import rigid_palm
 from ..model.states import REJECTED, SEEN, SWAPPED
 from ..numerics.assignment import number_rows
 from ..numerics.jit import jit, local_floats, local_integers
-from ..numerics.vectors import clamp, distance, store, vector
+from ..numerics.vectors import clamp, components, distance, store, subtract, vector
 from .plausibility import (
     EXCHANGE_MARGIN,
     EXCHANGES,
@@ -52,6 +53,7 @@ MIN_SIDE_DEVIATION = .0005  # [m] of such a distance; ours
 MAX_SIDE_CHANGE = .5      # of a side: beyond it no palm of a hand nobody calibrated; ours
 REFUSED_SPEED = 6.        # [m/s] of a refused marker that counts as the same; ours
 REFUSED_STRAY = .006      # [m] besides that; ours
+STAYING_SPEED = 1.        # [m/s] in the palm's frame of a refused one that stays there; ours
 SEEN_AGAIN_TIME = .012    # [s] time constant in which `unseen_for` decays once seen; ours
 RECOVERY_RATE = 4.        # [1] at which `incomplete_for` decays while the palm is complete; ours
 ASTRAY_DEVIATIONS = 3.    # [1] of a digit from its prediction, besides what it does in a step; ours
@@ -165,7 +167,9 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
         _reorder(evidence, rows, markers, seen, verdict)
         return
 
-    set_gates(evidence, template, expected, state.unseen_for, state.incomplete_for[0], step, gate)
+    rolled_for = 0.0 if _stays_refused(evidence, template, state, step) else (
+        state.incomplete_for[0])
+    set_gates(evidence, template, expected, state.unseen_for, rolled_for, step, gate)
     reading = Reading(rows, local_floats(8), local_floats((8, 3)))
     kept = (seen[0], seen[1], seen[2])
     total = cost_reading(evidence, bounds, kept, False, np.inf, reading)
@@ -193,6 +197,23 @@ def _begins_anew(state: AssociationState, template: np.ndarray, patience: float)
     slipped = slipped and not _is_in_another_order(gaps, state.sides) and (
         _has_learned_shape(gaps, state.sides) or _has_template_shape(gaps, template))
     return patience > 0.0 and (slipped or state.doubted_for[0] >= patience)
+
+
+@jit
+def _stays_refused(evidence: Evidence, template: np.ndarray, state: AssociationState,
+                   step: float) -> bool:
+    """Return whether a refused palm marker stays: a palm that rolled unseen does not excuse it."""
+    expected = evidence.expected
+    if state.refused_for[0] == state.refused_for[1] == state.refused_for[2] == 0.0:
+        return False
+    axes, origin = rigid_palm(
+        (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
+    for i in range(3):
+        if evidence.seen[i] and state.refused_for[i] > 0.0:
+            place = components(axes, subtract(vector(evidence.markers[i]), origin))
+            if distance(place, vector(state.refused_at[i])) <= REFUSED_STRAY + STAYING_SPEED * step:
+                return True
+    return False
 
 
 @jit

@@ -232,7 +232,7 @@ def expect(evidence: Evidence, markers: ExpectedMarkers) -> bool:
 
 @jit
 def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers,
-              unseen_for: np.ndarray, incomplete_for: float, step: float, gate: float) -> None:
+              unseen_for: np.ndarray, rolled_for: float, step: float, gate: float) -> None:
     """Write predictions in the palm's frame, their deviations and gates into the evidence.
 
     Parameters
@@ -244,8 +244,8 @@ def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers
     markers : ExpectedMarkers
     unseen_for : ndarray, shape (8,)
         Time for which each marker was not seen [s].
-    incomplete_for : float
-        Time for which the palm was not complete [s].
+    rolled_for : float
+        Time in which the palm may have rolled unseen, as it was not complete [s].
     step : float
         Time since the last frame [s].
     gate : float
@@ -257,7 +257,7 @@ def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
     found = roll = _found_roll(evidence, unseen_for, step)
     if seen[0] and seen[1] and seen[2]:
-        roll = max(roll, min(ROLL_SPEED * incomplete_for, MAX_ROLL))
+        roll = max(roll, min(ROLL_SPEED * rolled_for, MAX_ROLL))
     for i in range(8):
         deviation = 1.0
         limit = 1.0

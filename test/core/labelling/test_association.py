@@ -254,6 +254,18 @@ def test_a_palm_that_slipped_is_learned_and_one_that_is_none_is_not():
     assert all(frames.give(broken)[2][0] == REJECTED for _ in range(200))
 
 
+@pytest.mark.parametrize('palm_marker', range(3))
+@pytest.mark.parametrize('height', (.022, -.022))
+def test_a_ghost_above_or_below_a_palm_marker_stays_refused(palm_marker, height):
+    # It leaves the palm's sides within 4 mm of the learned ones, as a roll would.
+    frames = settled()
+    for _ in range(30):
+        verdict = frames.give(shifted(palm_marker, (0., 0., height)))[2]
+        assert verdict[palm_marker] == REJECTED
+        assert (np.delete(verdict, palm_marker) == ACCEPTED).all()
+    assert (frames.give(PLACES)[2] == ACCEPTED).all()
+
+
 def test_a_marker_back_after_a_second_is_believed_at_once():
     frames = settled()
     hidden = PLACES.copy()
