@@ -17,6 +17,7 @@ from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
 from .evaluation_options import Options
 from .rows import Row
 
+CAPTURE_FIELDS = 'positions', 'joints', 'side', 'rate_hz'
 FITTING_SHARE = .2                  # first part of a capture, to which its hand is fitted
 MIN_CAPTURE_FRAMES = 100
 PALM_RANGE = (.03, .2)              # [m] wrist to index MCP: other values are in another unit
@@ -104,14 +105,13 @@ def load_capture(path: str | PathLike[str], frame_rate: float | None = None) -> 
     if path.exists() and path.suffix != NPZ.suffixes[0] and (
             is_bag(path) or recognised_format(path) is not NPZ):
         return _checked(path, _recorded_capture(path, frame_rate))
-    try:
-        with open_arrays(path, InvalidCapture) as data:
-            fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
-            source, licence = (str(data[name]) if name in data else ''
-                               for name in ('source', 'licence'))
-    except KeyError as error:
-        raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
-                             'and rate_hz') from None
+    with open_arrays(path, InvalidCapture) as data:
+        if lacking := [name for name in CAPTURE_FIELDS if name not in data]:
+            raise InvalidCapture(f'{path}: it lacks {", ".join(lacking)}; expected '
+                                 'positions, joints, side and rate_hz')
+        fields = {name: data[name] for name in CAPTURE_FIELDS}
+        source, licence = (str(data[name]) if name in data else ''
+                           for name in ('source', 'licence'))
     names = [str(name) for name in np.atleast_1d(fields['joints'])]
     positions = fields['positions']
     if sorted(names) != sorted(LANDMARKS):

@@ -11,6 +11,7 @@ import yaml
 from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
+from .parameter_file import SECTION
 from .plain_yaml import UniqueKeyLoader, parse_plain_yaml, read_yaml_text, yaml_fault
 
 Parsed = TypeVar('Parsed')
@@ -98,6 +99,8 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
             dotted = f'{where}.{key}' if where else f'{key}'
             near = difflib.get_close_matches(str(key), allowed, 1)
             hint = f"did you mean '{near[0]}'?" if near else f'allowed are {", ".join(allowed)}'
+            if isinstance(value[key], dict) and SECTION in value[key]:
+                hint = 'it is a file of ROS parameters, for --params-file'
             raise InvalidHandFile(f'{dotted}: unknown key; {hint}')
     return value
 

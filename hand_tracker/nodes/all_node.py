@@ -58,7 +58,7 @@ def main(args: list[str] | None = None) -> int:
     leading = [name for name in names if hasattr(classes[name], 'play')]
     if len(leading) > 1:
         parser.error(f'{" and ".join(leading)}: each has a loop of its own; expected one at most')
-    return run_together(list(classes.values()), serve, args, ros_words_alone=False)
+    return run_together(list(classes.values()), serve, args, 'all', ros_words_alone=False)
 
 
 if __name__ == '__main__':

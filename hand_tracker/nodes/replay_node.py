@@ -375,7 +375,7 @@ def _qos(offers: Sequence[Any]) -> QoSProfile:
 def main(args: list[str] | None = None) -> int:
     """Run the replay node; return its exit code."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    return run(ReplayNode, ReplayNode.play, args)
+    return run(ReplayNode, ReplayNode.play, args, 'replay')
 
 
 if __name__ == '__main__':

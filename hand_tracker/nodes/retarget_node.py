@@ -528,7 +528,7 @@ def _read_object(message: JointState) -> JointPositions:
 
 def main(args: list[str] | None = None) -> int:
     """Run the retarget node until it is interrupted; return its exit code."""
-    return run(RetargetNode, args=args)
+    return run(RetargetNode, args=args, name='retarget')
 
 
 if __name__ == '__main__':

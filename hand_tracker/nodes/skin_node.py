@@ -122,7 +122,7 @@ class SkinNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the skin node until it is interrupted; return its exit code."""
-    return run(SkinNode, args=args)
+    return run(SkinNode, args=args, name='skin')
 
 
 if __name__ == '__main__':

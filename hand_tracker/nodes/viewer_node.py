@@ -50,7 +50,7 @@ def page_options(arguments: list[str]) -> argparse.Namespace:
 def main(args: list[str] | None = None) -> int:
     """Serve the page until interrupted; return the exit code."""
     options = page_options(remove_ros_args(args)[1:] if args is None else args)
-    return run(lambda: ViewerNode(options), ViewerNode.play, args, ros_words_alone=False)
+    return run(lambda: ViewerNode(options), ViewerNode.play, args, 'viewer', ros_words_alone=False)
 
 
 if __name__ == '__main__':
