@@ -234,6 +234,7 @@ class CloudLabeller:
         self._last = no_points()
         self._last_step = UNTIMED_STEP
         self._since_joint_search = 0.    # [s]
+        self._may_review = True     # in this frame: one review takes longer than all else
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -303,6 +304,7 @@ class CloudLabeller:
         frame = new_cloud(cloud, names)
         step = self._step(time)
         self._since_joint_search += step
+        self._may_review = True
         for hand in self._hands:
             hand.side.elapse(step)
         self._follow(frame, step)
@@ -366,10 +368,11 @@ class CloudLabeller:
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
         # With many markers a search takes longer than a frame, and shows the side at once.
-        is_due = hand.count <= MOST_CHECKED and hand.side.is_due()
+        is_due = hand.count <= MOST_CHECKED and hand.side.is_due() and self._may_review
         if not hand.confirmed or not (in_doubt or is_due):
             return False
         if is_due:
+            self._may_review = False
             by_pairs = not palm_is_seen(hand.statistics, track.finding.rows)
             self._note_side(hand, frame, *self._mirrored_lead(hand, frame.points, by_pairs))
         if in_doubt:
@@ -450,7 +453,8 @@ class CloudLabeller:
 
         Of hands found one by one, the first may have points of the other.
         """
-        if len(self._hands) < 2 or self._since_joint_search < REVIEW_PERIOD:
+        if (len(self._hands) < 2 or self._since_joint_search < REVIEW_PERIOD
+                or not self._may_review):
             return
         present = [(hand.track.finding, hand.side.lead) for hand in self._hands
                    if hand.track is not None and hand.confirmed]
@@ -565,6 +569,24 @@ class CloudLabeller:
         """
         best: list[Finding] = []
         least = np.inf
+        searched: dict[tuple[int, bool], tuple[np.ndarray, Finding]] = {}
+
+        def search(i: int, by_pairs: bool, left: np.ndarray) -> Finding | None:
+            # Among more points, of which it took none of the others, the hand is the same.
+            among, found = searched.get((i, by_pairs), (None, None))
+            if among is not None and found is not None and (
+                    (among | ~left).all() and left[found.rows[found.rows >= 0]].all()):
+                return found
+            found = blank_finding(self._hands[i].count)
+            if _search_points(self._hands[i].statistics, points, left, 0, budget, found,
+                              by_pairs) < len(points):
+                return None
+            searched.setdefault((i, by_pairs), (left.copy(), found))
+            return found
+
+        for i in range(len(self._hands)):
+            if search(i, False, free) is None:
+                return None
         for order in permutations(range(len(self._hands))):
             left = free.copy()
             found = [blank_finding(hand.count) for hand in self._hands]
@@ -573,11 +595,10 @@ class CloudLabeller:
                 for i in order:
                     if found[i].cost[0] < np.inf:
                         continue
-                    hand, alone = self._hands[i], blank_finding(self._hands[i].count)
-                    if _search_points(hand.statistics, points, left, 0, budget, alone,
-                                      by_pairs) < len(points):
+                    alone = search(i, by_pairs, left)
+                    if alone is None:
                         return None
-                    if _is_typical(hand.statistics, alone):
+                    if _is_typical(self._hands[i].statistics, alone):
                         found[i] = alone
                         left[alone.rows[alone.rows >= 0]] = False
             total = _total_cost(found)
