@@ -19,6 +19,8 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.common import environ
+from hand_tracker.adapters.marker_messages import USUAL_TOPICS
+from hand_tracker.launching.launch_plan import SOURCE_NAME
 
 POLICY = Path(__file__).with_name('hand_tracker.policy.xml')
 VERSION = '0.2.0'       # of the format of policies
@@ -36,12 +38,17 @@ ARRANGEMENTS = {
     'managed_tracker': ([], ['side:=both'], SEPARATED, ['broadcast:=all', CLOCKED]),
     'replay': (['loop:=true', CLOCKED], ['loop:=true', 'clock:=10.', 'wait_for_subscriber:=0.']),
     'simulate': ([], ['truth:=true']),
-    'source': (['source:=natnet'], ['source:=point_cloud', CLOCKED], ['source:=landmarks']),
+    'source': (['source:=natnet'], ['source:=point_cloud', CLOCKED], ['source:=landmarks'],
+               ['source:=landmarks', 'message:=named_pose_array'], ['source:=mocap4r2'],
+               ['source:=mocap4r2', 'message:=rigid_bodies']),
     'retarget': (['robot:=plain', 'outputs:=joint_state joint_trajectory position_array'],
                  ['robot:=plain', 'wrist.outputs:=pose twist', 'show_robot:=true', CLOCKED]),
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}
+# That the launch file has the tracker hear in place of `markers`, by its argument `source`.
+MARKER_TOPICS = {f'{SOURCE_NAME}/markers', *USUAL_TOPICS.values()}
+HEARD_AS_LAUNCHED = {'tracker': MARKER_TOPICS, 'managed_tracker': MARKER_TOPICS}
 NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
               'skin': 'hand_skin'}  # of nodes, where not the program's
 # An enclave is a process's; `all` runs these unless others are named.
@@ -128,14 +135,13 @@ def settled_rules(watcher, node, namespace, process):
     raise RuntimeError(f'{node} in {namespace} is not there')
 
 
-def uses(programs=None, expected=None):
+def uses(programs, expected):
     """Return what each of our nodes uses, by its program.
 
     Parameters
     ----------
-    programs : collection of str, optional
-        All when left out.
-    expected : mapping of str to Use, optional
+    programs : collection of str
+    expected : mapping of str to Use
         By program; where a node uses something else it is waited for, as on a busy machine a
         node may pause before it has all.
 
@@ -151,7 +157,7 @@ def uses(programs=None, expected=None):
     rclpy.init(context=context)
     watcher = rclpy.create_node('policies', context=context)
     try:
-        for program in ARRANGEMENTS if programs is None else programs:
+        for program in programs:
             with ExitStack() as stack:
                 started, heard = [], []
                 for number, parameters in enumerate(ARRANGEMENTS[program]):
@@ -176,9 +182,9 @@ def uses(programs=None, expected=None):
                 until = time.monotonic() + WAIT
                 while True:
                     use = Use(program, node, merged([
-                        settled_rules(watcher, node, *one) for one in started]))
-                    if (expected is None or use == expected[program]
-                            or time.monotonic() > until):
+                        {('topics', 'subscribe'): HEARD_AS_LAUNCHED.get(program)},
+                        *(settled_rules(watcher, node, *one) for one in started)]))
+                    if use == expected.get(program) or time.monotonic() > until:
                         break
                 found.append(use)
                 for subscription in heard:
@@ -307,7 +313,9 @@ def main():
     isolate()
     shared = SHARED_PROCESSES | ({'all': options.all} if options.all else {})
     is_as_shipped = options.namespace == '/' and not options.all
-    found = [*uses(), *others()] if is_as_shipped else shipped_uses()
+    shipped = shipped_uses()
+    found = [*uses(ARRANGEMENTS, {use.program: use for use in shipped}), *others()] if (
+        is_as_shipped) else shipped
     text = ElementTree.tostring(policy(found, options.namespace, shared), 'unicode')
     options.output.write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n',
                               encoding='utf-8')

@@ -1,33 +1,16 @@
 """What a launch starts by its arguments: the plan, and what of them contradicts."""
 
 import ast
-from pathlib import Path
 
 import pytest
+from helpers.launching import LAUNCH, LAUNCH_DEFAULTS, plan_of
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.launching.launch_plan import (
     InvalidLaunch,
-    LaunchPlan,
     names_launch_file,
     refuse_unknown_arguments,
 )
-
-LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
-LAUNCH_DEFAULTS = {
-    **dict.fromkeys((
-        'topic', 'message', 'server', 'subject', 'up', 'latency', 'hand', 'layout', 'left_hand',
-        'namespace', 'parameters', 'robot', 'robot_description', 'left_robot',
-        'left_robot_description', 'outputs', 'body_frame', 'mount', 'left_body_frame',
-        'left_mount', 'keystore'), ''),
-    'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
-    'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
-    'rviz': 'false', 'show_robot': 'auto', 'robot_process': 'own', 'use_sim_time': 'false',
-    'respawn': 'auto', 'lifecycle': 'false', 'use_security': 'false'}
-
-
-def plan_of(is_installed=True, **given):
-    return LaunchPlan({**LAUNCH_DEFAULTS, **given}, lambda package: is_installed)
 
 
 def test_a_hand_has_names_of_its_side():
@@ -226,7 +209,7 @@ def test_a_secured_source_has_a_process_of_its_own(tmp_path):
 
 def test_defaults_are_those_of_the_launch_file():
     rows = {call.args[0].value: call.args[1].value
-            for call in ast.walk(ast.parse(LAUNCH_FILE.read_text(encoding='utf-8')))
+            for call in ast.walk(ast.parse(LAUNCH.read_text(encoding='utf-8')))
             if isinstance(call, ast.Call) and getattr(call.func, 'id', '') == 'ArgumentRow'}
     assert {name: rows[name] for name in LAUNCH_DEFAULTS} == LAUNCH_DEFAULTS
 

@@ -34,7 +34,14 @@ from hand_tracker.messages.builders import prefixed_names
 from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.package_data import packaged_recording
-from security.policies import ARRANGEMENTS, ENCLAVES, NODE_NAMES, SHARED_PROCESSES, settled_rules
+from security.policies import (
+    ARRANGEMENTS,
+    ENCLAVES,
+    HEARD_AS_LAUNCHED,
+    NODE_NAMES,
+    SHARED_PROCESSES,
+    settled_rules,
+)
 from security.trials import DRIVER, STRANGER, UNSECURED, enforced, make_keystore
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces'
@@ -238,15 +245,18 @@ def test_every_node_starts_enforced_in_every_arrangement(
         environment = environ(**security_environment(str(keystore)))
         del environment['ROS_SECURITY_ENCLAVE_OVERRIDE']
         parts = {NODE_NAMES.get(part, part) for part in SHARED_PROCESSES.get(program, (program,))}
-        for number, parameters in enumerate(ARRANGEMENTS.get(program, (['robot:=plain'],))):
+        arrangements = [*([word for each in parameters for word in ('-p', each)]
+                          for parameters in ARRANGEMENTS.get(program, (['robot:=plain'],))),
+                        *(['-r', f'markers:={topic}']
+                          for topic in sorted(HEARD_AS_LAUNCHED.get(program, ())))]
+        for number, words in enumerate(arrangements):
             # The last one is forgotten.
             driver.spin_until(lambda: parts.isdisjoint(driver.get_node_names()))
             output = tmp_path / str(number)
             with ExitStack() as stack, output.open('w') as file:
                 process = stack.enter_context(subprocess.Popen(
                     [sys.executable, '-m', f'hand_tracker.nodes.{program}_node', '--ros-args',
-                     '--enclave', f'{ENCLAVES}/{program}',
-                     *(word for each in parameters for word in ('-p', each))],
+                     '--enclave', f'{ENCLAVES}/{program}', *words],
                     env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=file))
                 stack.callback(end, process)
                 for part in parts:

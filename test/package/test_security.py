@@ -8,9 +8,10 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
-from helpers.launching import installed
+from helpers.launching import installed, plan_of
 from helpers.ros_process import watching_node
 
+from hand_tracker.adapters.marker_messages import MESSAGES_OF, SERVED, USUAL_TOPICS
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.files.urdf_file import urdf
 from security.policies import (
@@ -130,6 +131,18 @@ def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
         "topics[@subscribe='ALLOW']")} for profile in enclave.iter('profile')}
     assert '/joint_states' not in heard['/']
     assert {'/joint_states', 'joint_states'} <= heard['/right'] & heard['/left']
+
+
+@pytest.mark.parametrize('source, message', [
+    *((source, message) for source, messages in MESSAGES_OF.items() for message in messages),
+    *((source, '') for source in SERVED)])
+@pytest.mark.parametrize('up', ['', 'y'])
+def test_a_launched_tracker_may_hear_any_source(source, message, up):
+    plan = plan_of(source=source, message=message, up=up, lifecycle='true')
+    for program in ('tracker', 'managed_tracker'):
+        assert plan.marker_topic in SHIPPED_USES[program].rules['topics', 'subscribe']
+    if not plan.direct and source in MESSAGES_OF:
+        assert USUAL_TOPICS[message] in SHIPPED_USES['source'].rules['topics', 'subscribe']
 
 
 def test_nothing_is_allowed_by_a_wildcard():
