@@ -3,11 +3,12 @@
     python -m benchmarks.kills [--count 200] [--seed 1] [--json OUT]
 
 A simulated driver, a tracker and a robot's node run beside a replay with a tracker of its own and a
-viewer. One of driver, tracker, replay and viewer, chosen at random, is sent SIGKILL at a random
-instant and started anew at once. A row each: how often, the time from the start to the first
-answer (of the viewer: to its page), and the longest pause in the answers of the chain that lost
-nothing. The robot is engaged anew after each; its commands may step by what its guard allows, and
-by nothing more. The exit code is 1 where one does, or where a node does not come back.
+viewer. One of driver, tracker, replay, viewer and a minimal node in rclpy, as a yardstick, which
+answers the driver, is chosen at random, sent SIGKILL at a random instant and started anew at once.
+A row each: how often, the time from the start to the first answer (of the viewer: to its page), and
+the longest pause in the answers of the chain that lost nothing. The robot is engaged anew after
+each; its commands may step by what its guard allows, and by nothing more. The exit code is 1 where
+one does, or where a node does not come back.
 """
 
 import argparse
@@ -28,12 +29,14 @@ from benchmarks.common import RATE, add_json_option, environment, write_rows
 from benchmarks.round_trip import FIRST_ANSWER_TIME
 
 LONGEST_WAIT = 1.       # [s] before a kill
-DRIVEN, PLAYED = 'driven', 'played'
+DRIVEN, PLAYED, ECHOED = CHAINS = 'driven', 'played', 'echoed'
+ECHO = 'rclpy_echo'
 # Program, parameters and chain of each; the viewer, which is of none, shows the driven one.
 KILLED_NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
                 'tracker': ('tracker', {}, DRIVEN),
                 'replay': ('replay', {'loop': True}, PLAYED),
-                'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None)}
+                'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None),
+                ECHO: (ECHO, {}, ECHOED)}
 BESIDE = {'retarget': ('retarget', {'robot': 'plain'}, DRIVEN),
           'tracker of the replay': ('tracker', {}, PLAYED)}
 SHOWN = 'The hand is at'
@@ -68,7 +71,7 @@ class Rig:
         from helpers.ros_process import watching_node
         self._stack = stack
         self.node = stack.enter_context(watching_node('kills'))
-        self.answers = {chain: Answers(self.node, chain) for chain in (DRIVEN, PLAYED)}
+        self.answers = {chain: Answers(self.node, chain) for chain in CHAINS}
         self.robot = FollowingRobot(self.node, f'/{DRIVEN}/')
         self.started = []      # name and process of each that was ever started
         self.processes = {name: self.start(name) for name in (*KILLED_NODES, *BESIDE)}
@@ -79,10 +82,13 @@ class Rig:
         program, parameters, chain = {**KILLED_NODES, **BESIDE}[name]
         words = [word for key, value in parameters.items() for word in (
             '-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}')]
-        options = ['--port', '0'] if program == 'viewer' else []
+        command = ['benchmarks.round_trip', '--echo'] if name == ECHO else [
+            'hand_tracker.entry', program, *(['--port', '0'] if program == 'viewer' else [])]
+        if name == ECHO:
+            words += ['-r', f'markers:=/{DRIVEN}/markers']
         process = self._stack.enter_context(Process([
-            sys.executable, '-m', 'hand_tracker.entry', program, *options, '--ros-args',
-            '-r', f'__ns:=/{chain or "shown"}', *words]))
+            sys.executable, '-m', *command, '--ros-args', '-r', f'__ns:=/{chain or "shown"}',
+            *words]))
         self.started.append((name, process))
         return process
 
@@ -115,8 +121,8 @@ def kill(rig, name):
         one.begin()
     rig.processes[name] = rig.start(name)
     seconds = rig.wait_for(name)
-    others = [one.longest for chain, one in rig.answers.items() if chain != KILLED_NODES[name][2]]
-    return seconds, max(others)
+    others = {DRIVEN, PLAYED} - {KILLED_NODES[name][2]}
+    return seconds, max(rig.answers[chain].longest for chain in others)
 
 
 def main():
@@ -155,7 +161,7 @@ def main():
                      'came_back': int(np.isfinite(seconds).sum()), 'median_s': round(median, 2),
                      'p95_s': round(p95, 2), 'longest_s': round(longest, 2),
                      'longest_pause_of_others_s': round(float(pauses.max()), 3)})
-        print('{process:8} {came_back} of {kills} came back: {median_s} s, p95 {p95_s}, longest '
+        print('{process:10} {came_back} of {kills} came back: {median_s} s, p95 {p95_s}, longest '
               '{longest_s}; longest pause of the others {longest_pause_of_others_s} s'.format(
                   **rows[-1]))
     over = int((steps > allowed).sum())

@@ -234,7 +234,7 @@ class CloudLabeller:
         self._last = no_points()
         self._last_step = UNTIMED_STEP
         self._since_joint_search = 0.    # [s]
-        self._may_review = True     # in this frame: one review takes longer than all else
+        self._has_reviewed = False  # in this frame: a review takes longer than all else
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
     @property
@@ -304,7 +304,7 @@ class CloudLabeller:
         frame = new_cloud(cloud, names)
         step = self._step(time)
         self._since_joint_search += step
-        self._may_review = True
+        self._has_reviewed = False
         for hand in self._hands:
             hand.side.elapse(step)
         self._follow(frame, step)
@@ -368,11 +368,11 @@ class CloudLabeller:
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
         # With many markers a search takes longer than a frame, and shows the side at once.
-        is_due = hand.count <= MOST_CHECKED and hand.side.is_due() and self._may_review
+        is_due = hand.count <= MOST_CHECKED and hand.side.is_due(self._has_reviewed)
         if not hand.confirmed or not (in_doubt or is_due):
             return False
         if is_due:
-            self._may_review = False
+            self._has_reviewed = True
             by_pairs = not palm_is_seen(hand.statistics, track.finding.rows)
             self._note_side(hand, frame, *self._mirrored_lead(hand, frame.points, by_pairs))
         if in_doubt:
@@ -453,8 +453,8 @@ class CloudLabeller:
 
         Of hands found one by one, the first may have points of the other.
         """
-        if (len(self._hands) < 2 or self._since_joint_search < REVIEW_PERIOD
-                or not self._may_review):
+        due_after = 2. * REVIEW_PERIOD if self._has_reviewed else REVIEW_PERIOD
+        if len(self._hands) < 2 or self._since_joint_search < due_after:
             return
         present = [(hand.track.finding, hand.side.lead) for hand in self._hands
                    if hand.track is not None and hand.confirmed]
@@ -572,11 +572,11 @@ class CloudLabeller:
         searched: dict[tuple[int, bool], tuple[np.ndarray, Finding]] = {}
 
         def search(i: int, by_pairs: bool, left: np.ndarray) -> Finding | None:
-            # Among more points, of which it took none of the others, the hand is the same.
-            among, found = searched.get((i, by_pairs), (None, None))
-            if among is not None and found is not None and (
-                    (among | ~left).all() and left[found.rows[found.rows >= 0]].all()):
-                return found
+            if (before := searched.get((i, by_pairs))) is not None:
+                among, found = before
+                # Among more points, of which it took none of the others, the hand is the same.
+                if not (left & ~among).any() and left[found.rows[found.rows >= 0]].all():
+                    return found
             found = blank_finding(self._hands[i].count)
             if _search_points(self._hands[i].statistics, points, left, 0, budget, found,
                               by_pairs) < len(points):

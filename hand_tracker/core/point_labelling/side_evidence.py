@@ -53,9 +53,9 @@ class SideEvidence:
         """Advance by a time step [s]."""
         self._unchecked_for += step
 
-    def is_due(self) -> bool:
-        """Return whether a posture may be added: at most one in `SIDE_PERIOD`."""
-        return self._unchecked_for >= SIDE_PERIOD
+    def is_due(self, may_wait: bool = False) -> bool:
+        """Return whether a posture may be added: one in `SIDE_PERIOD`, in two where it may wait."""
+        return self._unchecked_for >= (2. * SIDE_PERIOD if may_wait else SIDE_PERIOD)
 
     def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray) -> None:
         """Add a posture's cost lead, if it shows the side and differs from the last posture.
