@@ -54,6 +54,7 @@ MAX_SIDE_CHANGE = .5      # of a side: beyond it no palm of a hand nobody calibr
 REFUSED_SPEED = 6.        # [m/s] of a refused marker that counts as the same; ours
 REFUSED_STRAY = .006      # [m] besides that; ours
 STAYING_SPEED = 1.        # [m/s] in the palm's frame of a refused one that stays there; ours
+GHOST_DISTANCE = .015     # [m] of a palm marker from its prediction: noise is nearer; ours
 SEEN_AGAIN_TIME = .012    # [s] time constant in which `unseen_for` decays once seen; ours
 RECOVERY_RATE = 4.        # [1] at which `incomplete_for` decays while the palm is complete; ours
 ASTRAY_DEVIATIONS = 3.    # [1] of a digit from its prediction, besides what it does in a step; ours
@@ -208,11 +209,14 @@ def _stays_refused(evidence: Evidence, template: np.ndarray, state: AssociationS
         return False
     axes, origin = rigid_palm(
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
+    nearby = REFUSED_STRAY + STAYING_SPEED * step
     for i in range(3):
-        if evidence.seen[i] and state.refused_for[i] > 0.0:
-            place = components(axes, subtract(vector(evidence.markers[i]), origin))
-            if distance(place, vector(state.refused_at[i])) <= REFUSED_STRAY + STAYING_SPEED * step:
-                return True
+        marker = vector(evidence.markers[i])
+        if (evidence.seen[i] and state.refused_for[i] > 0.0
+                and distance(marker, vector(expected[i])) > GHOST_DISTANCE
+                and distance(components(axes, subtract(marker, origin)),
+                             vector(state.refused_at[i])) <= nearby):
+            return True
     return False
 
 
