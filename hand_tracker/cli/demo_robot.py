@@ -63,8 +63,9 @@ class DrivenRobot:
         at = dict(zip(message.name, message.position))
         self._position = np.array([at.get(name, before) for name, before in zip(
             self._model.joint_names, self._position)])
-        self.commands[nanoseconds(message.header.stamp)] = np.array(
-            [at[name] for name in self._model.variables])
+        # Not each is commanded, as those of an arm are not.
+        self.commands[nanoseconds(message.header.stamp)] = self._position[
+            [self._model.joint_names.index(name) for name in self._model.variables]]
 
     def _publish_joint_states(self) -> None:
         self._states.publish(JointState(

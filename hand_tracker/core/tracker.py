@@ -117,6 +117,8 @@ class HandTracker:
     ------
     InvalidLayout
         If the hand cannot be solved from the layout.
+    TypeError
+        If an argument is of another kind, such as the name of a layout.
 
     Examples
     --------
@@ -184,6 +186,12 @@ class HandTracker:
 
     def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:
         """Derive and pack all that depends on hand, layout and options alone."""
+        for value, kind, example in (
+                (hand, Hand, 'Hand.scaled(), or hand, layout = load_hand(FILE)'),
+                (layout, MarkerLayout, "MarkerLayout(), or preset_layout('kyutech23')"),
+                (options, TrackerOptions, 'TrackerOptions()')):
+            if not isinstance(value, kind):
+                raise TypeError(f'{value!r}; expected a {kind.__name__}, such as {example}')
         if shows_arch(layout, options.palm_arch):
             hand = hand.with_open_palm()
         right = hand.as_right()

@@ -157,9 +157,9 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
         given = digits.get(role, {})
         if given.get('radius_mm') is not None:
             radius_mm = _number(given['radius_mm'], f'{source}: digits.{role}.radius_mm')
-            if radius_mm < 0.:
+            if not (radius_mm == 0. or radius_mm >= LEAST_RADIUS_MM):
                 raise InvalidRobot(f'{source}: digits.{role}.radius_mm: {radius_mm:g}; expected '
-                                   'none below 0')
+                                   f'millimetres, {LEAST_RADIUS_MM:g} or more, or 0 for a point')
             radii[role] = radius_mm / 1e3
         if 'tip_offset_mm' in given:
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')

@@ -74,7 +74,7 @@ NAMED_POSES: dict[str, tuple[Fingers, Thumb | Touch]] = {
     'spread': (SPREAD_FINGERS, THUMB_OUT),
     'rolled': (ROLLED_FINGERS, THUMB_RELAXED),
     'ready': (OPPOSING_FINGERS, THUMB_OPPOSED),
-    # 22 mm short of it: by Table 1, and coupled, no thumb closes over the fingers (IP 80 degrees).
+    # The thumb ends 22 mm short: to close over the fingers its IP would bend by 80 degrees alone.
     'fist': (FIST_FINGERS, Touch('back', 1, .2)),
     'one': (ONE_FINGER, Touch('back', 1)),
     'two': (TWO_FINGERS, Touch('back', 2)),

@@ -53,7 +53,7 @@ MIN_SIDE_DEVIATION = .0005  # [m] of such a distance; ours
 MAX_SIDE_CHANGE = .5      # of a side: beyond it no palm of a hand nobody calibrated; ours
 REFUSED_SPEED = 6.        # [m/s] of a refused marker that counts as the same; ours
 REFUSED_STRAY = .006      # [m] besides that; ours
-STAYING_SPEED = 1.        # [m/s] in the palm's frame of a refused one that stays there; ours
+STAYING_STRAY = .014      # [m] in a frame, in the palm's, of a refused marker that stays; ours
 GHOST_DISTANCE = .015     # [m] of a palm marker from its prediction: noise is nearer; ours
 SEEN_AGAIN_TIME = .012    # [s] time constant in which `unseen_for` decays once seen; ours
 RECOVERY_RATE = 4.        # [1] at which `incomplete_for` decays while the palm is complete; ours
@@ -203,19 +203,21 @@ def _begins_anew(state: AssociationState, template: np.ndarray, patience: float)
 @jit
 def _stays_refused(evidence: Evidence, template: np.ndarray, state: AssociationState,
                    step: float) -> bool:
-    """Return whether a refused palm marker stays: a palm that rolled unseen does not excuse it."""
+    """Return whether a refused palm marker, not hidden before, stays where it was refused.
+
+    It is a ghost: that the palm may have rolled unseen does not excuse its place.
+    """
     expected = evidence.expected
     if state.refused_for[0] == state.refused_for[1] == state.refused_for[2] == 0.0:
         return False
     axes, origin = rigid_palm(
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
-    nearby = REFUSED_STRAY + STAYING_SPEED * step
     for i in range(3):
         marker = vector(evidence.markers[i])
-        if (evidence.seen[i] and state.refused_for[i] > 0.0
+        if (evidence.seen[i] and state.refused_for[i] > 0.0 and state.unseen_for[i] <= step
                 and distance(marker, vector(expected[i])) > GHOST_DISTANCE
                 and distance(components(axes, subtract(marker, origin)),
-                             vector(state.refused_at[i])) <= nearby):
+                             vector(state.refused_at[i])) <= STAYING_STRAY):
             return True
     return False
 

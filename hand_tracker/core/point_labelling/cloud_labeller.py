@@ -48,7 +48,7 @@ MOST_CHECKED = 12
 # Cost lead by which hands of a joint search replace the present ones; distance of the palms above
 # which there is no joint search [m]; ours.
 TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
-REVIEW_PERIOD = .25         # [s] between two joint searches; ours
+REVIEW_PERIOD = .25         # [s] between two joint searches, up to twice that; ours
 FOREIGN_COST = 12.          # of each point that only the mirrored hand has; ours
 UNTIMED_STEP = 1. / 120.     # [s]
 
@@ -363,7 +363,8 @@ class CloudLabeller:
                           step: float) -> bool:
         """Return whether a followed hand's points fit the mirrored hand: it is of the other side.
 
-        Checked once in `SIDE_PERIOD`, once a cut is overcome, and while its posture stays unlikely.
+        Checked once in one or two `SIDE_PERIOD`, once a cut is overcome, and while its posture stays
+        unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
@@ -371,8 +372,8 @@ class CloudLabeller:
         is_due = hand.count <= MOST_CHECKED and hand.side.is_due(self._has_reviewed)
         if not hand.confirmed or not (in_doubt or is_due):
             return False
+        self._has_reviewed = True
         if is_due:
-            self._has_reviewed = True
             by_pairs = not palm_is_seen(hand.statistics, track.finding.rows)
             self._note_side(hand, frame, *self._mirrored_lead(hand, frame.points, by_pairs))
         if in_doubt:
@@ -492,6 +493,7 @@ class CloudLabeller:
             Of `_mirrored_lead`, by its own points.
         """
         assert hand.track is not None
+        self._has_reviewed = True
         rows = hand.track.finding.rows
         mine = rows[rows >= 0]
         free = frame.free & _near(frame.points, hand.track.finding)
@@ -574,8 +576,9 @@ class CloudLabeller:
         def search(i: int, by_pairs: bool, left: np.ndarray) -> Finding | None:
             if (before := searched.get((i, by_pairs))) is not None:
                 among, found = before
-                # Among more points, of which it took none of the others, the hand is the same.
-                if not (left & ~among).any() and left[found.rows[found.rows >= 0]].all():
+                # In practice, as it was the best among more points and took none of the others.
+                if (found.cost[0] < np.inf and not (left & ~among).any()
+                        and left[found.rows[found.rows >= 0]].all()):
                     return found
             found = blank_finding(self._hands[i].count)
             if _search_points(self._hands[i].statistics, points, left, 0, budget, found,
@@ -584,6 +587,7 @@ class CloudLabeller:
             searched.setdefault((i, by_pairs), (left.copy(), found))
             return found
 
+        # Each among all points first: what is found there serves the orders after.
         for i in range(len(self._hands)):
             if search(i, False, free) is None:
                 return None

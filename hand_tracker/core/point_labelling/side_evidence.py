@@ -13,7 +13,7 @@ from .prototypes import Prototype
 # Bound of a posture's cost lead, sum above which the hand is of the other side, and bound of the
 # sum [variances]; ours.
 POSTURE_LEAD, OTHER_SIDE_LEAD, SIDE_MEMORY = 20., 30., 200.
-SIDE_PERIOD = .25           # [s] between two postures, and between two checks
+SIDE_PERIOD = .25           # [s] between two postures; between two checks, up to twice that
 ANOTHER_POSTURE = .010      # [m] mean motion of the markers to a new posture; ours
 CLEAR_SHARE = .85           # least share of seen markers for a posture to show the side; ours
 BENT_SHARE = .6             # of the digits' mean palmar depth, above which they are bent; ours
@@ -54,7 +54,7 @@ class SideEvidence:
         self._unchecked_for += step
 
     def is_due(self, may_wait: bool = False) -> bool:
-        """Return whether a posture may be added: one in `SIDE_PERIOD`, in two where it may wait."""
+        """Return whether a check is due: after `SIDE_PERIOD`, or twice that if it may wait."""
         return self._unchecked_for >= (2. * SIDE_PERIOD if may_wait else SIDE_PERIOD)
 
     def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray) -> None:
