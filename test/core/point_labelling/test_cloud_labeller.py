@@ -9,6 +9,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.point_labelling import cloud_labeller
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.point_labelling.hand_track import start_places
 from hand_tracker.core.point_labelling.natural_poses import (
@@ -19,6 +20,7 @@ from hand_tracker.core.point_labelling.natural_poses import (
     natural_poses,
 )
 from hand_tracker.core.point_labelling.prototypes import learn_prototype
+from hand_tracker.core.point_labelling.side_evidence import SIDE_PERIOD
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 RATE = 120.
@@ -320,6 +322,54 @@ def test_a_hand_of_the_other_side_is_named_not_labelled():
         named += found.other_side[0]
         assert not found.found[0]
     assert named > 60
+
+
+def counted(monkeypatch, *names):
+    """Count the calls of functions of the labeller, by name, in the dictionary returned."""
+    calls = dict.fromkeys(names, 0)
+
+    def count(owner, name):
+        call = getattr(owner, name)
+
+        def counting(*arguments):
+            calls[name] += 1
+            return call(*arguments)
+        monkeypatch.setattr(owner, name, counting)
+
+    for name in names:
+        count(CloudLabeller if hasattr(CloudLabeller, name) else cloud_labeller, name)
+    return calls
+
+
+def test_hands_apart_are_searched_once_each_and_not_in_every_order(monkeypatch):
+    calls = counted(monkeypatch, '_search_points')
+    labeller, random = CloudLabeller([prototype(side) for side in SIDES]), np.random.default_rng(3)
+    hands = [moving(10, side, (0., apart, 0.)) for side, apart in zip(SIDES, (0., .25))]
+    for frames in zip(*hands):
+        points, rows = shuffled(np.concatenate(frames), random)
+        calls['_search_points'] = 0
+        assert np.array_equal(np.concatenate(labeller.label_frame(points).rows), rows)
+        assert calls['_search_points'] == 2
+
+
+@pytest.mark.parametrize('rate', [RATE, 8.])
+def test_a_frame_has_one_review_at_most_and_none_is_left_out(rate, monkeypatch):
+    reviews = '_note_side', '_found_together'
+    labeller, random = CloudLabeller([prototype(side) for side in SIDES]), np.random.default_rng(3)
+    hands = [moving(360, side, (0., apart, 0.)) for side, apart in zip(SIDES, (0., .25))]
+    calls, in_frame = counted(monkeypatch, *reviews), []
+    for number, frames in enumerate(zip(*hands)):
+        points, _ = shuffled(np.concatenate(frames), random)
+        before = sum(calls.values())
+        labeller.update(points, number / rate)
+        in_frame.append(sum(calls.values()) - before)
+        if number == 120:
+            begun = dict(calls)
+    periods = 239 / rate / SIDE_PERIOD
+    if rate == RATE:
+        assert max(in_frame[120:]) == 1
+    assert calls['_note_side'] - begun['_note_side'] >= 2 * (periods / 2. - 1.)
+    assert calls['_found_together'] - begun['_found_together'] >= periods / 2. - 1.
 
 
 def test_two_hands_one_above_the_other_have_their_own_markers_at_once():
