@@ -30,15 +30,16 @@ from benchmarks.round_trip import FIRST_ANSWER_TIME
 
 LONGEST_WAIT = 1.       # [s] before a kill
 DRIVEN, PLAYED, ECHOED = CHAINS = 'driven', 'played', 'echoed'
-ECHO = 'rclpy_echo'
-# Program, parameters and chain of each; the viewer, which is of none, shows the driven one.
-KILLED_NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
-                'tracker': ('tracker', {}, DRIVEN),
-                'replay': ('replay', {'loop': True}, PLAYED),
-                'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None),
-                ECHO: (ECHO, {}, ECHOED)}
-BESIDE = {'retarget': ('retarget', {'robot': 'plain'}, DRIVEN),
-          'tracker of the replay': ('tracker', {}, PLAYED)}
+# Module and arguments, arguments of ROS, and chain of each; the viewer, which is of none, shows the
+# driven one.
+KILLED_NODES = {
+    'driver': ('hand_tracker.entry simulate', f'-p rate:={RATE}', DRIVEN),
+    'tracker': ('hand_tracker.entry tracker', '', DRIVEN),
+    'replay': ('hand_tracker.entry replay', '-p loop:=true', PLAYED),
+    'viewer': ('hand_tracker.entry viewer --port 0', f'-p tracker:=/{DRIVEN}/hand_tracker', None),
+    'rclpy_echo': ('benchmarks.round_trip --echo', f'-r markers:=/{DRIVEN}/markers', ECHOED)}
+BESIDE = {'retarget': ('hand_tracker.entry retarget', '-p robot:=plain', DRIVEN),
+          'tracker of the replay': ('hand_tracker.entry tracker', '', PLAYED)}
 SHOWN = 'The hand is at'
 
 
@@ -79,16 +80,10 @@ class Rig:
     def start(self, name):
         """Start a node; return its process."""
         from helpers.ros_process import Process
-        program, parameters, chain = {**KILLED_NODES, **BESIDE}[name]
-        words = [word for key, value in parameters.items() for word in (
-            '-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}')]
-        command = ['benchmarks.round_trip', '--echo'] if name == ECHO else [
-            'hand_tracker.entry', program, *(['--port', '0'] if program == 'viewer' else [])]
-        if name == ECHO:
-            words += ['-r', f'markers:=/{DRIVEN}/markers']
+        command, words, chain = {**KILLED_NODES, **BESIDE}[name]
         process = self._stack.enter_context(Process([
-            sys.executable, '-m', *command, '--ros-args', '-r', f'__ns:=/{chain or "shown"}',
-            *words]))
+            sys.executable, '-m', *command.split(), '--ros-args',
+            '-r', f'__ns:=/{chain or "shown"}', *words.split()]))
         self.started.append((name, process))
         return process
 
@@ -121,6 +116,7 @@ def kill(rig, name):
         one.begin()
     rig.processes[name] = rig.start(name)
     seconds = rig.wait_for(name)
+    # Without a driver nothing is echoed either.
     others = {DRIVEN, PLAYED} - {KILLED_NODES[name][2]}
     return seconds, max(rig.answers[chain].longest for chain in others)
 

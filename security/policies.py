@@ -1,9 +1,10 @@
-"""SROS 2 policies of least privilege, made from the nodes as they run: exactly what each one uses.
+"""SROS 2 policies of least privilege, made from the nodes as they run: what each one uses.
 
     python -m security.policies [--namespace /lab] [--all NODE ...] [--output POLICY.xml]
 
 Each node is started in every arrangement that changes its topics or services, in a namespace of
-its own, and the graph is asked what it has. docs/security.md says how a keystore is made of them.
+its own, and the graph is asked what it has; the topics that the launch file may have the tracker
+hear in place of `markers` are added. docs/security.md says how a keystore is made of them.
 """
 
 import argparse
@@ -27,6 +28,7 @@ VERSION = '0.2.0'       # of the format of policies
 ENCLAVES = '/hand_tracker'
 WAIT = 120.             # [s] for a node: kernels may have to be compiled, and other work run beside
 SETTLED_TIME = 2.       # [s] in which the graph does not change any more
+PAUSE = 15.             # [s] for which a busy node may pause before it has all that it uses
 GRAPH_POLL = .2         # [s]
 
 # Arguments of each node in the arrangements that change what it uses. Those that the launch file
@@ -135,7 +137,7 @@ def settled_rules(watcher, node, namespace, process):
     raise RuntimeError(f'{node} in {namespace} is not there')
 
 
-def uses(programs, expected):
+def uses(programs, expected, patience=WAIT):
     """Return what each of our nodes uses, by its program.
 
     Parameters
@@ -144,6 +146,8 @@ def uses(programs, expected):
     expected : mapping of str to Use
         By program; where a node uses something else it is waited for, as on a busy machine a
         node may pause before it has all.
+    patience : float, optional
+        For which it is waited [s].
 
     Returns
     -------
@@ -179,7 +183,7 @@ def uses(programs, expected):
                     for namespace, _ in started:
                         calibrate(watcher, f'{namespace}/mount/calibrate')
                 node = NODE_NAMES.get(program, program)
-                until = time.monotonic() + WAIT
+                until = time.monotonic() + patience
                 while True:
                     use = Use(program, node, merged([
                         {('topics', 'subscribe'): HEARD_AS_LAUNCHED.get(program)},
@@ -314,8 +318,9 @@ def main():
     shared = SHARED_PROCESSES | ({'all': options.all} if options.all else {})
     is_as_shipped = options.namespace == '/' and not options.all
     shipped = shipped_uses()
-    found = [*uses(ARRANGEMENTS, {use.program: use for use in shipped}), *others()] if (
-        is_as_shipped) else shipped
+    found = shipped
+    if is_as_shipped:
+        found = [*uses(ARRANGEMENTS, {use.program: use for use in shipped}, PAUSE), *others()]
     text = ElementTree.tostring(policy(found, options.namespace, shared), 'unicode')
     options.output.write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n',
                               encoding='utf-8')

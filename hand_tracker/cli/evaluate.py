@@ -94,7 +94,7 @@ def _parse(
         epilog='\n'.join(f'{name:10s} {one.summary}' for name, one in EVALUATIONS.items()))
     parser.add_argument('name', choices=(*EVALUATIONS, 'all'), metavar='NAME',
                         help=', '.join((*EVALUATIONS, 'all')))
-    parser.add_argument('files', nargs='*', type=Path, default=[], metavar='FILE',
+    parser.add_argument('files', nargs='*', type=Path, metavar='FILE',
                         help='captures: npz with positions (T, 21, 3) [m], joints, side, rate_hz, '
                         'or markers, marker_names; BVH, C3D, TRC, TSV, CSV with names')
     parser.add_argument('--fit', nargs='+', type=Path, default=[], metavar='FILE.npz',

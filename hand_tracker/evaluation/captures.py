@@ -106,12 +106,12 @@ def load_capture(path: str | PathLike[str], frame_rate: float | None = None) -> 
             is_bag(path) or recognised_format(path) is not NPZ):
         return _checked(path, _recorded_capture(path, frame_rate))
     with open_arrays(path, InvalidCapture) as data:
-        if lacking := [name for name in CAPTURE_FIELDS if name not in data]:
-            raise InvalidCapture(f'{path}: it lacks {", ".join(lacking)}; expected '
-                                 'positions, joints, side and rate_hz')
-        fields = {name: data[name] for name in CAPTURE_FIELDS}
+        fields = {name: data[name] for name in CAPTURE_FIELDS if name in data}
         source, licence = (str(data[name]) if name in data else ''
                            for name in ('source', 'licence'))
+    if lacking := [name for name in CAPTURE_FIELDS if name not in fields]:
+        raise InvalidCapture(f'{path}: it lacks {", ".join(lacking)}; expected '
+                             f'{", ".join(CAPTURE_FIELDS)}')
     names = [str(name) for name in np.atleast_1d(fields['joints'])]
     positions = fields['positions']
     if sorted(names) != sorted(LANDMARKS):

@@ -97,10 +97,12 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
     for key in value:
         if key not in allowed:
             dotted = f'{where}.{key}' if where else f'{key}'
-            near = difflib.get_close_matches(str(key), allowed, 1)
-            hint = f"did you mean '{near[0]}'?" if near else f'allowed are {", ".join(allowed)}'
-            if isinstance(value[key], dict) and SECTION in value[key]:
-                hint = 'it is a file of ROS parameters, for --params-file'
+            if SECTION in str(value[key]):
+                hint = 'the file is of ROS parameters, for --params-file or parameters:='
+            elif near := difflib.get_close_matches(str(key), allowed, 1):
+                hint = f"did you mean '{near[0]}'?"
+            else:
+                hint = f'allowed are {", ".join(allowed)}'
             raise InvalidHandFile(f'{dotted}: unknown key; {hint}')
     return value
 

@@ -29,6 +29,7 @@ from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
 
 ROBOT_FILE_KEYS = ('name', 'urdf', 'side', 'digits', 'rest', 'follow', 'options', 'order')
 DIGIT_KEYS = ('tip', 'tip_offset_mm', 'radius_mm')
+LEAST_RADIUS_MM = .5     # of a tip: a smaller one is in metres
 FOLLOW_KEYS = ('angle', 'scale', 'offset_deg')
 
 
@@ -157,9 +158,9 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
         given = digits.get(role, {})
         if given.get('radius_mm') is not None:
             radius_mm = _number(given['radius_mm'], f'{source}: digits.{role}.radius_mm')
-            if not (radius_mm == 0. or radius_mm >= LEAST_RADIUS_MM):
+            if radius_mm != 0. and radius_mm < LEAST_RADIUS_MM:
                 raise InvalidRobot(f'{source}: digits.{role}.radius_mm: {radius_mm:g}; expected '
-                                   f'millimetres, {LEAST_RADIUS_MM:g} or more, or 0 for a point')
+                                   f'none below {LEAST_RADIUS_MM:g} mm, but 0 for a point')
             radii[role] = radius_mm / 1e3
         if 'tip_offset_mm' in given:
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
@@ -195,6 +196,10 @@ def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dic
                 for role, pattern in patterns.items()}
         if all(link in model.links for link in tips.values()):
             break
+    for link in tips.values():
+        if len(same := [role for role in tips if tips[role] == link]) > 1:
+            raise InvalidRobot(f"digits: {' and '.join(same)} have the tip '{link}'; expected "
+                               'another for each')
     return tips
 
 

@@ -258,6 +258,19 @@ def test_the_robot_is_drawn_as_it_was_commanded_for_the_frame_beside_it(
     assert drawn == [(f'{.1 * row:.1f} s', pytest.approx(.1 * row)) for row in (2, 4, 5, 6, 8, 9)]
 
 
+def test_a_joint_that_is_not_commanded_stays_where_the_robot_is(node):
+    from sensor_msgs.msg import JointState
+
+    from hand_tracker.cli.demo_robot import DrivenRobot
+
+    robot = DrivenRobot(node, load_robot('plain'))
+    first, *others = robot.loaded.hand.model.variables
+    robot._on_command(JointState(name=others, position=[.1] * len(others)))
+    (command,) = robot.commands.values()
+    at_rest = robot.loaded.hand.rest[0]
+    np.testing.assert_allclose(command, [at_rest, *[.1] * len(others)])
+
+
 def test_without_labels_points_keep_their_ids_while_they_are_seen(tmp_path):
     sides = ('right', 'left')
     labels = label_maps(default_labels(MARKERS), {side: f'{side}/0' for side in sides})

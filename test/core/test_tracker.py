@@ -534,3 +534,12 @@ def test_a_filtered_thumb_whose_phalanges_leave_its_plane_meets_its_marker(
         assert state.angles[lean] == pytest.approx(hand.thumb_mcp_abduction)
     # As near as a thumb that stays in its plane: the filter leaves it so much.
     assert max(misses[60:]) < 7e-4
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (('right',), "'right'; expected a Hand, such as Hand.scaled()"),
+    ((None, 'kyutech23'), "'kyutech23'; expected a MarkerLayout, such as MarkerLayout()"),
+    ((None, None, {'patience': 1.}), 'expected a TrackerOptions')])
+def test_an_argument_of_another_kind_is_named(arguments, message):
+    with pytest.raises(TypeError, match=message.replace('(', r'\(').replace(')', r'\)')):
+        HandTracker(*arguments)

@@ -403,7 +403,7 @@ def test_files_that_are_no_captures_are_refused(tmp_path):
     (tmp_path / 'cut.npz').write_bytes((tmp_path / 'other.npz').read_bytes()[:200])
     unread = 'can be read; expected plain arrays, as numpy.savez writes them$'
     for name, message in (('text.npz', unread), ('objects.npz', unread), ('cut.npz', unread),
-                          ('other.npz', 'joints'),
+                          ('other.npz', 'it lacks joints, side, rate_hz; expected positions'),
                           ('none.npz', r'can be read \(No such file or directory\); expected')):
         with pytest.raises(InvalidCapture, match=message):
             load_capture(tmp_path / name)

@@ -214,6 +214,8 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
     ('lenght_mm: 180', "lenght_mm: unknown key; did you mean 'length_mm'?"),
     ('length: 180', "length: unknown key; did you mean 'length_mm'?"),
     ('zzz: 1', 'zzz: unknown key; allowed are side, length_mm, breadth_mm'),
+    ('left: {hand_tracker: {ros__parameters: {side: left}}}',
+     'left: unknown key; the file is of ROS parameters, for --params-file'),
     ('1: 2', '1: unknown key; allowed are side'),
     ('finger_bones_mm: {pinky: [1, 2, 3]}',
      'finger_bones_mm.pinky: unknown key; allowed are index, middle, ring, little'),

@@ -34,6 +34,7 @@ from security.policies import (
 )
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces', 'lifecycle_msgs'
+SOURCE_MESSAGES = 'mocap4r2_msgs', 'teleop_ros2_interfaces'
 SHIPPED_USES = {use.program: use for use in shipped_uses()}
 
 
@@ -45,8 +46,8 @@ def test_there_is_a_policy_for_every_program():
                     reason='the policy is made with Jazzy, other releases have other services')
 @pytest.mark.parametrize('program', sorted(ARRANGEMENTS))
 def test_a_node_uses_what_its_policy_allows_and_nothing_else(program):
-    if program == 'skin':
-        pytest.importorskip('skimage', reason='needs scikit-image')
+    for needed in {'skin': ['skimage'], 'source': SOURCE_MESSAGES}.get(program, ()):
+        pytest.importorskip(needed, reason=f'needs {needed}')
     found, = uses([program], SHIPPED_USES)
     assert found == SHIPPED_USES[program], 'python -m security.policies writes it anew'
 
@@ -138,6 +139,7 @@ def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
     *((source, '') for source in SERVED)])
 @pytest.mark.parametrize('up', ['', 'y'])
 def test_a_launched_tracker_may_hear_any_source(source, message, up):
+    # A managed tracker has no source in its process, as a secured one has none.
     plan = plan_of(source=source, message=message, up=up, lifecycle='true')
     for program in ('tracker', 'managed_tracker'):
         assert plan.marker_topic in SHIPPED_USES[program].rules['topics', 'subscribe']

@@ -363,8 +363,8 @@ class CloudLabeller:
                           step: float) -> bool:
         """Return whether a followed hand's points fit the mirrored hand: it is of the other side.
 
-        Checked once in one or two `SIDE_PERIOD`, once a cut is overcome, and while its posture stays
-        unlikely.
+        Checked once in one or two `SIDE_PERIOD`, once a cut is overcome, and while its posture
+        stays unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
         in_doubt = is_over or track.unlikely_for[0] > self.options.patience
