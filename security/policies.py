@@ -50,7 +50,7 @@ ARRANGEMENTS = {
     'viewer': ([], ['side:=both'], SEPARATED)}
 # That the launch file has the tracker hear in place of `markers`, by its argument `source`.
 MARKER_TOPICS = {f'{SOURCE_NAME}/markers', *USUAL_TOPICS.values()}
-HEARD_AS_LAUNCHED = {'tracker': MARKER_TOPICS, 'managed_tracker': MARKER_TOPICS}
+HEARD_AS_LAUNCHED = dict.fromkeys(('tracker', 'managed_tracker', 'teleoperate'), MARKER_TOPICS)
 NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
               'skin': 'hand_skin'}  # of nodes, where not the program's
 # An enclave is a process's; `all` runs these unless others are named.

@@ -244,12 +244,11 @@ def test_every_node_starts_enforced_in_every_arrangement(
         # An enclave as the launch file gives it.
         environment = environ(**security_environment(str(keystore)))
         del environment['ROS_SECURITY_ENCLAVE_OVERRIDE']
-        programs = SHARED_PROCESSES.get(program, (program,))
-        parts = {NODE_NAMES.get(part, part) for part in programs}
-        heard = set().union(*(HEARD_AS_LAUNCHED.get(part, ()) for part in programs))
+        parts = {NODE_NAMES.get(part, part) for part in SHARED_PROCESSES.get(program, (program,))}
         arrangements = [[word for each in parameters for word in ('-p', each)]
                         for parameters in ARRANGEMENTS.get(program, (['robot:=plain'],))]
-        arrangements += [[*arrangements[0], '-r', f'markers:={topic}'] for topic in sorted(heard)]
+        arrangements += [[*arrangements[0], '-r', f'markers:={topic}']
+                         for topic in sorted(HEARD_AS_LAUNCHED.get(program, ()))]
         for number, words in enumerate(arrangements):
             # The last one is forgotten.
             driver.spin_until(lambda: parts.isdisjoint(driver.get_node_names()))
