@@ -45,7 +45,7 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
         # Opened here: numpy leaves its own file open where it cannot read it.
         with open(path, 'rb') as file, np.load(file, allow_pickle=False) as data:
             yield data
-    except (HandTrackerError, KeyError):  # an array that is not there is its reader's to name
+    except HandTrackerError:
         raise
     # Damaged bytes raise whatever the parsers of zipfile and numpy do.
     except Exception as error:

@@ -168,8 +168,9 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
         _reorder(evidence, rows, markers, seen, verdict)
         return
 
-    rolled_for = 0.0 if _stays_refused(evidence, template, state, step) else (
-        state.incomplete_for[0])
+    rolled_for = state.incomplete_for[0]
+    if rolled_for > 0.0 and _stays_refused(evidence, template, state, step):
+        rolled_for = 0.0
     set_gates(evidence, template, expected, state.unseen_for, rolled_for, step, gate)
     reading = Reading(rows, local_floats(8), local_floats((8, 3)))
     kept = (seen[0], seen[1], seen[2])
@@ -208,8 +209,6 @@ def _stays_refused(evidence: Evidence, template: np.ndarray, state: AssociationS
     It is a ghost: that the palm may have rolled unseen does not excuse its place.
     """
     expected = evidence.expected
-    if state.refused_for[0] == state.refused_for[1] == state.refused_for[2] == 0.0:
-        return False
     axes, origin = rigid_palm(
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
     for i in range(3):
