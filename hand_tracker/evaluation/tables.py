@@ -25,6 +25,7 @@ from .rows import Row
 
 # Of plotted series, the tracker's first.
 SERIES_COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
+WIDEST_LEGEND = 8   # entries in a row
 ABBREVIATIONS = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'fabrik'
 
 
@@ -174,7 +175,8 @@ def save_figure(figure: Figure, path: Path, legend_of: Axes | None = None) -> No
     """Write a figure as PNG, with the legend of one of its plots above all."""
     if legend_of is not None:
         handles, labels = legend_of.get_legend_handles_labels()
-        figure.legend(handles, labels, loc='upper center', ncols=len(labels), frameon=False,
-                      fontsize=8, labelcolor=INK)
+        rows = -(-len(labels) // WIDEST_LEGEND)
+        figure.legend(handles, labels, loc='upper center', ncols=-(-len(labels) // rows),
+                      frameon=False, fontsize=8, labelcolor=INK)
     # Without the version of matplotlib: equal numbers give equal files.
     figure.savefig(path, metadata={'Software': None})
