@@ -318,9 +318,8 @@ def main():
     shared = SHARED_PROCESSES | ({'all': options.all} if options.all else {})
     is_as_shipped = options.namespace == '/' and not options.all
     shipped = shipped_uses()
-    found = shipped
-    if is_as_shipped:
-        found = [*uses(ARRANGEMENTS, {use.program: use for use in shipped}, PAUSE), *others()]
+    found = shipped if not is_as_shipped else [
+        *uses(ARRANGEMENTS, {use.program: use for use in shipped}, PAUSE), *others()]
     text = ElementTree.tostring(policy(found, options.namespace, shared), 'unicode')
     options.output.write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n',
                               encoding='utf-8')

@@ -138,7 +138,6 @@ def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
             for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]
 
 
-
 def _check_side(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],
                 local: np.ndarray, least: float) -> None:
     """Refuse fingers that bend to the back of the hand, as those of the other side seem to.

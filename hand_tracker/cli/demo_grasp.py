@@ -134,8 +134,7 @@ class GraspingRobot(DrivenRobot):
         """Return the shapes of the simulation to draw at a time, up along z."""
         row = self.track.row(at)
         model, joints = self._model, self.track.joints[row]
-        variables = np.array([joints[model.joint_names.index(name)] for name in model.variables])
-        frames = model.frames(variables)
+        frames = model.frames(model.variable_positions(joints))
         turned = turn_at(self.track.times[row]) - np.pi
         c, s = np.cos(turned), np.sin(turned)
         world = np.array(((1., 0., 0.), (0., c, -s), (0., s, c)))

@@ -64,8 +64,8 @@ class DrivenRobot:
         self._position = np.array([at.get(name, before) for name, before in zip(
             self._model.joint_names, self._position)])
         # Not each is commanded, as those of an arm are not.
-        self.commands[nanoseconds(message.header.stamp)] = self._position[
-            [self._model.joint_names.index(name) for name in self._model.variables]]
+        self.commands[nanoseconds(message.header.stamp)] = self._model.variable_positions(
+            self._position)
 
     def _publish_joint_states(self) -> None:
         self._states.publish(JointState(

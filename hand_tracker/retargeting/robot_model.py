@@ -144,6 +144,10 @@ class RobotModel(NamedTuple):
         """Return the positions of all movable joints from those of the variables, shape (m,)."""
         return self.joints.multiplier * position[self.joints.variable] + self.joints.offset
 
+    def variable_positions(self, joints: np.ndarray) -> np.ndarray:
+        """Return the positions of the variables (n,) in those of all joints (m,)."""
+        return joints[[self.joint_names.index(name) for name in self.variables]]
+
 
 def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
     """Return the kinematic model of a URDF.
