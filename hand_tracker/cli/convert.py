@@ -77,8 +77,9 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         if renamed:
             print(f'{output}: written {", ".join(renamed)}', file=sys.stderr)
         recording = recording._replace(labels=labels)
-    write_recording(output, recording, form)
-    return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
+    written = write_recording(output, recording, form)
+    return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points, as '
+            f'{written}')
 
 
 @reporting

@@ -82,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
     count = {'frames': 0, 'lost': 0}
     require_inputs(chosen)
     from ..files.bags import write_bag
-    from ..files.hand_file import save_hand
+    from ..files.hand_file import load_hand, save_hand
     from ..simulation.faults import Faults
     from ..simulation.simulator import Simulation, calibrated, simulated_hand
 
@@ -97,9 +97,13 @@ def main(arguments: list[str] | None = None) -> int:
     share = 100. * count['lost'] / (count['frames'] * len(layout.names))
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')
+    worn_by = chosen.calibration
+    # With all markers where the hand file has them.
+    if worn_by is None and chosen.hand and np.array_equal(
+            load_hand(chosen.hand)[1].offsets, layout.offsets):
+        worn_by = chosen.hand
     print('Its markers are on the skin: track it with --hand '
-          + (f'{chosen.calibration}' if chosen.calibration else
-             'HAND.yaml, which --calibration HAND.yaml writes'))
+          f'{worn_by or "HAND.yaml, which --calibration HAND.yaml writes"}')
     return 0
 
 

@@ -40,8 +40,8 @@ class TrackedFile(NamedTuple):
     Attributes
     ----------
     output : Path or Url
-    read, tracked : int
-        Frames.
+    read, tracked, held : int
+        Frames, those with a hand, and of these those that do not show its palm.
     rate : float
         Frames in a second of work.
     """
@@ -49,10 +49,12 @@ class TrackedFile(NamedTuple):
     output: Path | Url
     read: int
     tracked: int
+    held: int
     rate: float
 
     def __str__(self) -> str:
-        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, '
+        held = f'{self.held} of them with the palm hidden, ' if self.held else ''
+        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {held}'
                 f'{self.rate:.0f} a second')
 
 
@@ -98,7 +100,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
                 tracked = collect_frames(frames, lambda: job.hand)
                 save_motion(output, tracked, options.names, options.order)
     elapsed = time.monotonic() - start
-    return TrackedFile(output, job.read, job.tracked, job.read / elapsed)
+    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed)
 
 
 def _track_located(options: argparse.Namespace, interrupted: Interruptions,

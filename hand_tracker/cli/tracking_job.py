@@ -92,6 +92,11 @@ class TrackingJob:
         assert self._trackers, 'no frame was asked for yet'
         return {name: tracker.hand for name, tracker in self._trackers.items()}
 
+    @property
+    def held(self) -> int:
+        """Number of tracked frames that do not show the palm, of the hand with most of them."""
+        return self.tracked - min(self._palms[name] for name in self._trackers)
+
     def say(self, note: str) -> None:
         """Print a note on the recording."""
         self._progress.say(f'{self._bag.path}: {note}')
@@ -152,8 +157,8 @@ class TrackingJob:
                             for name, monitor in self._monitors.items())
             other = '' if self._has_labels else (
                 '; is it a hand of the other side (--side), or of another layout (--layout)?')
-            raise BagError(
-                f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}{other}')
+            which = '' if isinstance(self._bag, PointBag) else f' of {self._topic}'
+            raise BagError(f'{self._bag.path}: no frame{which} shows the palm: {why}{other}')
 
     def _monitored(self) -> Iterator[BagMessage]:
         due = self._bag.start

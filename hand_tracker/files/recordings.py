@@ -253,7 +253,7 @@ def _in_metres(recording: PointRecording, axes: Axes, usual: Axes,
 
 
 def write_recording(path: str | PathLike[str], recording: PointRecording,
-                    form: FileFormat | None = None) -> None:
+                    form: FileFormat | None = None) -> str:
     """Write points as a motion capture file; it appears when it is whole.
 
     Frames that were left out, as the times of the others say, are written with missing points.
@@ -266,6 +266,11 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
     form : FileFormat, optional
         That of the path's suffix when left out: for .csv that of OptiTrack.
 
+    Returns
+    -------
+    str
+        Name of the format.
+
     Raises
     ------
     HandTrackerError
@@ -275,7 +280,7 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
     require_folder(path, RecordingError)
     if form is None and path.suffix in STORAGE:
         write_bag_points(path, recording)
-        return
+        return 'rosbag2'
     form = form or _by_name(path)
     if form is None or form.write is None:
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
@@ -285,4 +290,5 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
         # Others cannot hold a rate that is not known.
         even = even._replace(rate=WRITTEN_RATE)
     write_whole(path, lambda unfinished: write(unfinished, even))
+    return form.name
 

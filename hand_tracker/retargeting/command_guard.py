@@ -139,7 +139,7 @@ class CommandGuard:
 
     @property
     def refused_values(self) -> int:
-        """Frames that were not followed, as they were not finite."""
+        """Frames that were not followed: not finite, or of angles beyond a full turn."""
         return int(self.memory.refused_values[0])
 
     @property
@@ -203,7 +203,7 @@ class CommandGuard:
         return bool(observe_wanted(self.pack, given, now))
 
     def refuse_values(self) -> None:
-        """Count a frame that is not followed, as it is not finite."""
+        """Count a frame that is not followed, by its values."""
         self.memory.refused_values[0] += 1
 
     def lose_hand(self) -> None:

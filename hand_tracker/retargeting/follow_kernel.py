@@ -26,7 +26,7 @@ from .guard_kernel import (
     start_step,
 )
 from .guard_options import GuardOptions
-from .human_hand import JOINT_COUNT, HumanHand, place_landmarks
+from .human_hand import JOINT_COUNT, MOST_ANGLE, HumanHand, place_landmarks
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 from .retarget_kernel import Problem, Solution, solve_frame
 
@@ -238,7 +238,8 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     if not memory.is_confident[0] or (is_engaged and not is_followed(guards[0], now)):
         return NOT_FOLLOWED
     for i in range(JOINT_COUNT):
-        if not math.isfinite(human.angles[0, i]):
+        # Neither is a number that is not finite.
+        if not abs(human.angles[0, i]) <= MOST_ANGLE:
             return NOT_FOLLOWED
     step = accept_angles(memories, humans, stamp, now)
     if step < 0.:

@@ -52,7 +52,7 @@ class GuardMemory(NamedTuple):
     reached : ndarray of int, shape (GUARD_CAPACITY,)
         Whether each joint has reached the person's pose since easing began.
     has_wanted, has_robot, state, refused_values : ndarray of int, shape (1,)
-        `refused_values` counts frames that were not finite.
+        `refused_values` counts frames that were not finite, or beyond a full turn.
     hand_time, wanted_time, command_time, reached_time, press_time, robot_time : ndarray, shape (1,)
         Of the hand's last frame that was accepted, the same unless one has jumped since, of the
         last command, of the pose's being reached, of the deadman and of the robot's joint

@@ -12,6 +12,12 @@ from ..core.model.kinematics import JointTable, joint_table, place_links, tip_of
 from ..core.numerics.jit import Pack, jit
 
 JOINT_COUNT, POINT_COUNT, TIP_COUNT = len(JOINTS), len(LANDMARKS), len(TIP_ROWS)
+MOST_ANGLE = 2. * np.pi  # [rad] beyond a full turn is no joint's: degrees, mostly
+
+
+def are_joint_angles(angles: np.ndarray) -> bool:
+    """Return whether angles are finite and within a full turn [rad]."""
+    return bool((np.abs(angles) <= MOST_ANGLE).all())
 
 
 class HumanHand(NamedTuple):

@@ -11,7 +11,7 @@ from ..calibration.landmarks import LANDMARKS, TIP_ROWS
 from ..core.model.hand import JOINTS, Hand
 from ..core.numerics.jit import Pack, packed
 from .hand_frame import require_wrist_frame
-from .human_hand import HumanHand, new_human_hand, place_landmarks
+from .human_hand import HumanHand, are_joint_angles, new_human_hand, place_landmarks
 from .retarget_kernel import Problem, Solution, solve_frame
 from .retarget_options import RetargetOptions
 from .retarget_problem import make_problem, new_solution
@@ -102,8 +102,18 @@ class Retargeter:
         -------
         ndarray, shape (n,)
             As `update`.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another, or an angle is not finite or beyond a full turn, as in degrees.
         """
-        self.human.angles[0] = angles
+        given = np.asarray(angles, dtype=float)
+        if given.shape != (len(JOINTS),) or not are_joint_angles(given):
+            raise ValueError(
+                f'angles: shape {given.shape}, from {given.min(initial=0.):g} to '
+                f'{given.max(initial=0.):g}; expected {len(JOINTS)} finite numbers, in radians')
+        self.human.angles[0] = given
         place_landmarks(self._human)
         return self.update(self.human.landmarks, dt, self.human.angles[0])
 

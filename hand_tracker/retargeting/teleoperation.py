@@ -23,6 +23,7 @@ from .follow_kernel import (
 )
 from .guard_kernel import GUARD_CAPACITY
 from .guard_options import GuardOptions
+from .human_hand import are_joint_angles
 from .retargeter import Retargeter
 from .robot_file import LoadedRobot
 from .robot_urdf import InvalidRobot
@@ -196,7 +197,7 @@ class Teleoperation:
         if len(angles) != len(names):
             return False
         given = np.asarray(angles, dtype=float)[rows]
-        if not np.isfinite(given).all():
+        if not are_joint_angles(given):
             self.guard.refuse_values()
             return False
         if not self._memory.is_confident[0]:

@@ -28,7 +28,13 @@ from .packaged_recordings import (
     SimulatedRecording,
     recording_messages,
 )
-from .visibility import markers_inside, observe, raised_to_skin, skin_layout
+from .visibility import (
+    LEAST_RADIUS_SHARE,
+    markers_inside,
+    observe,
+    raised_to_skin,
+    skin_layout,
+)
 
 WRIST_TRUTH_TOPIC, MARKER_TRUTH_TOPIC = '/wrist_truth', '/markers_truth'
 
@@ -203,7 +209,8 @@ def simulated_hand(path: str | PathLike[str] | None = None, side: str | None = N
     Raises
     ------
     InvalidLayout
-        Naming markers inside the hand, visible to no camera.
+        Naming markers far inside the hand, visible to no camera; a little inside, as calibrations
+        find them, they are seen.
     """
     hand, worn = choose_hand(path, side, layout=layout)
     if worn.names != MARKERS:
@@ -211,7 +218,7 @@ def simulated_hand(path: str | PathLike[str] | None = None, side: str | None = N
     at_joint = np.all(worn.offsets == 0., axis=1)
     worn = MarkerLayout(worn.places, np.where(
         at_joint[:, None], skin_layout(hand).offsets, worn.offsets))
-    inside = markers_inside(hand, worn)
+    inside = markers_inside(hand, worn, LEAST_RADIUS_SHARE)
     if inside.any():
         named = ', '.join(name for name, hidden in zip(MARKERS, inside) if hidden)
         raise InvalidLayout(f'{path}: offset of {named}: inside the hand, where no camera sees '

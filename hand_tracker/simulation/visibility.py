@@ -21,6 +21,7 @@ from .cameras import CameraRig, camera_coordinates
 LED_RADIUS = .004            # [m]
 ROUNDING = 1e-9         # [m] a marker on the surface is outside on every machine
 RAISE, MOST_RAISES = .0005, 80  # [m] at once of a marker inside the hand, and how often
+LEAST_RADIUS_SHARE = .4  # of a capsule that a marker's place on a calibrated hand may make thinner
 TRIANGULATING_CAMERAS = 2    # least number that see a marker
 FRAMES_AT_ONCE = 250         # block of frames that fits into the processor's cache
 
@@ -118,30 +119,39 @@ def observe(rig: CameraRig, hand: Hand, layout: MarkerLayout, angles: np.ndarray
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
     points = skeleton_points(tip_offsets(hand), pose, position)
-    seen = has_line_of_sight(rig, markers, points, bone_radii(hand)) & in_view(rig, markers)
+    # Calibrated markers are where they are seen: a capsule around one is thinner than that.
+    radii = np.minimum(bone_radii(hand), _distances(hand, layout) - ROUNDING)
+    seen = has_line_of_sight(rig, markers, points, radii) & in_view(rig, markers)
     return triangulate(rig, markers, seen, noise)
 
 
-def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
+def markers_inside(hand: Hand, layout: MarkerLayout, share: float = 1.) -> np.ndarray:
     """Return the mask of markers inside the capsules of the resting hand, seen by no camera.
 
     Parameters
     ----------
     hand : Hand
     layout : MarkerLayout
+    share : float, optional
+        Of the capsules' radii, within which a marker is inside.
 
     Returns
     -------
     ndarray of bool, shape (n,)
     """
+    inside = _distances(hand, layout) < share * bone_radii(hand) - ROUNDING
+    return np.any(inside, axis=1)
+
+
+def _distances(hand: Hand, layout: MarkerLayout) -> np.ndarray:
+    """Return how far the markers are from the bones of the resting hand, shape (n, b) [m]."""
     pose = forward(joint_table(hand), np.zeros(len(JOINTS)))
     markers = marker_positions(layout.mounting(hand), pose)
     start, end = skeleton_points(tip_offsets(hand), pose, np.zeros(3))[np.array(SKELETON_BONES).T]
     bone, offset = end - start, markers[:, None] - start
     along = np.clip((offset * bone).sum(axis=-1) / np.maximum(
         (bone ** 2).sum(axis=-1), 1e-12), 0., 1.)
-    gaps = np.linalg.norm(offset - along[..., None] * bone, axis=-1)
-    return (gaps < bone_radii(hand) - ROUNDING).any(axis=1)
+    return np.linalg.norm(offset - along[..., None] * bone, axis=-1)
 
 
 def in_view(rig: CameraRig, markers: np.ndarray) -> np.ndarray:
@@ -162,8 +172,8 @@ def has_line_of_sight(rig: CameraRig, markers: np.ndarray, points: np.ndarray,
         [m]
     points : ndarray, shape (n, 31, 3)
         From `skeleton_points` [m].
-    radii : ndarray, shape (b,)
-        Of the capsules around `SKELETON_BONES` [m].
+    radii : ndarray, shape (b,) or (m, b)
+        Of the capsules around `SKELETON_BONES`, for all markers or for each [m].
 
     Returns
     -------
@@ -200,7 +210,7 @@ def _clear(cameras: np.ndarray, markers: np.ndarray, starts: np.ndarray, ends: n
     s = np.clip(b * t - c, 0., length)
     squared = (apart ** 2).sum(axis=-1)[:, :, None]
     gap = squared + s * (s + 2. * (c - t * b)) + t * (t * size - 2. * f)
-    return (gap >= radii ** 2).all(axis=-1)
+    return (gap >= radii[..., None, :] ** 2).all(axis=-1)
 
 
 def triangulate(rig: CameraRig, markers: np.ndarray, seen: np.ndarray,

@@ -184,6 +184,14 @@ def test_a_frame_without_anything_known_holds_the_pose():
     np.testing.assert_array_equal(before, after)
 
 
+@pytest.mark.parametrize('angles', [
+    np.degrees(wide_hand().relaxed()), np.full(len(JOINTS), np.nan), np.zeros(5), 0.])
+def test_what_are_no_angles_in_radians_is_named(angles):
+    solver = Retargeter(human_robot(), wide_hand())
+    with pytest.raises(ValueError, match='angles: .*; expected 25 finite numbers, in radians'):
+        solver.update_angles(angles, 1. / RATE)
+
+
 def test_a_swing_at_10_hz_is_hardly_delayed():
     robot, hand = human_robot(), wide_hand()
     solver = Retargeter(robot, hand)

@@ -251,6 +251,8 @@ def test_what_is_no_hand_is_named_and_left_out(own_hand):
     broken = rig.hand.relaxed()
     broken[3] = np.nan
     rig.tick(angles=broken)
+    rig.tick(angles=np.degrees(rig.hand.relaxed()))
+    assert rig.it.guard.refused_values == 2
     assert 'no hand' in rig.it.guard.engage(rig.now)
 
 

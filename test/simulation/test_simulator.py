@@ -1,6 +1,7 @@
 """`hand_tracker simulate` writes recordings; the node of that name publishes them live."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -128,6 +129,18 @@ def test_markers_without_an_offset_are_put_on_the_skin_and_none_may_be_inside(tm
     save_hand(tmp_path / 'own.yaml', HAND, MarkerLayout(offsets=offsets))
     with pytest.raises(InvalidLayout, match='own.yaml: offset of middle: inside the hand'):
         simulated_hand(tmp_path / 'own.yaml')
+
+
+def test_markers_a_little_inside_as_calibrations_find_them_are_seen(tmp_path, capsys):
+    offsets = LAYOUT.offsets - (0., 0., .006)
+    worn = MarkerLayout(offsets=offsets)
+    assert markers_inside(HAND, worn).any()
+    save_hand(tmp_path / 'own.yaml', HAND, worn)
+    assert main(['demo', '--hand', str(tmp_path / 'own.yaml'), '--rate', '20',
+                 '-o', str(tmp_path / 'out.mcap')]) == 0
+    said = capsys.readouterr().out
+    lost = float(re.search(r'([\d.]+) % of the markers lost', said).group(1))
+    assert lost < 5. and f'track it with --hand {tmp_path / "own.yaml"}' in said
 
 
 def test_help_tells_the_defaults_that_there_are(capsys):

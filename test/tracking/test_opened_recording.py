@@ -232,9 +232,11 @@ def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, cap
 
 @pytest.mark.parametrize('output', ['out.c3d', 'out.trc', 'out.tsv', 'out.csv', 'out.npz',
                                     'out.mcap', 'out.bvh', 'out.glb'])
-def test_convert_writes_what_is_read_again(tracked, tmp_path, output):
+def test_convert_writes_what_is_read_again(tracked, tmp_path, output, capsys):
     path = tmp_path / output
     assert main(['convert', str(tracked / 'take.c3d'), str(path)]) == 0
+    if output == 'out.csv':
+        assert capsys.readouterr().out.endswith('points, as OptiTrack CSV\n')
     if path.suffix == '.glb':
         assert path.read_bytes()[:4] == b'glTF'
     else:

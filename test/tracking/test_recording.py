@@ -453,6 +453,7 @@ def test_the_end_says_where_few_frames_show_the_palm(seen, is_said, tmp_path, ca
     assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), GIVEN_SIZE]) == 0
     said = capsys.readouterr()
     assert '60 of 60 frames tracked' in said.out    # the last pose is kept
+    assert f'tracked, {60 - seen} of them with the palm hidden' in said.out
     assert (f'only {seen} of 60 frames show the palm' in said.err) == is_said
 
 
