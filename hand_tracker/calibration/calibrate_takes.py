@@ -71,6 +71,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
                 'the skin: joints that keep their distances')
     rate = average_rate([take.rate for take in takes])
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
+    report.require_fitted(', '.join(take.name for take in takes))
     covered = coverage(fit.postures)
     lines = [report.verdict(), '', *report.lines(), '', *_coverage_lines(covered)]
     worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)

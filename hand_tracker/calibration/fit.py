@@ -8,6 +8,7 @@ from ..core.model.hand import (
     FINGERS,
     LEFT_HAND_MIRROR,
     MCP_OF_LENGTH,
+    OTHER_SIDE,
     SIDES,
     WEARER_LIMITS,
     Hand,
@@ -17,6 +18,7 @@ from ..core.model.hand import (
 from ..core.model.marker_layout import PALM_LANDMARKS
 from .fingers import fit_fingers
 from .fitted_hand import measured_range
+from .hand_faults import KNUCKLE_DISTANCE, bend_to_back, unit_of
 from .landmarks import (
     FINGER_ROWS,
     INDEX_MCP,
@@ -33,6 +35,7 @@ from .thumb import fit_thumb
 
 MIN_CALIBRATION_FRAMES = 10
 MIN_PALM_AREA = 1e-4  # [m²]
+TIP_RANGE, TIP_MARGIN = .03, .015  # [m] of tips over the palm that show the side, and above it
 
 
 def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMITS) -> Hand:
@@ -57,7 +60,8 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
     Raises
     ------
     InvalidHand
-        If the side is unknown, the shape is wrong, or too few frames are complete.
+        If the side is unknown or another, the shape is wrong, too few frames are complete, or
+        they are not in metres.
     """
     if side not in SIDES:
         raise InvalidHand(f'side: {side!r} is not one of {", ".join(SIDES)}')
@@ -76,6 +80,7 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
 
     local = palm_coordinates(complete)
     palm = np.median(local, axis=0)
+    _check_hand(local, palm, side)
     mcp = palm[FINGER_ROWS[:, 0]]
     length = float(np.linalg.norm(palm[MIDDLE_MCP])) / MCP_OF_LENGTH[FINGERS.index('middle')]
     fingers = local[:, FINGER_ROWS]
@@ -92,6 +97,21 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
         hand, {name: local[:, LANDMARKS.index(name)] for name in LANDMARKS
                if name in PALM_LANDMARKS}, landmark_angles(hand, local)))
     return fit_radii(_limited(hand, local, limits), local)
+
+
+def _check_hand(local: np.ndarray, palm: np.ndarray, side: str) -> None:
+    """Refuse landmarks (T, 21, 3), of the median palm (21, 3), of another unit or side."""
+    distance = float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP]))
+    unit, factor = unit_of(distance)
+    if factor != 1.:
+        raise InvalidHand(f'joints: index_mcp and little_mcp are {distance:.3g} apart'
+                          + (f': {unit}, it seems; expected metres' if unit else ' m; expected '
+                             f'{KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m, and the '
+                             'joints in the order of LANDMARKS'))
+    if bend_to_back(local[:, FINGER_ROWS[:, -1], 2], palm[FINGER_ROWS[:, 0], 2], TIP_RANGE,
+                    TIP_MARGIN):
+        raise InvalidHand(f'joints: the fingers bend to the back of a {side} hand; this is '
+                          f'a {OTHER_SIDE[side]} one')
 
 
 def _limited(hand: Hand, local: np.ndarray, limits: str | ArrayLike) -> Hand:

@@ -20,7 +20,7 @@ from .digit_fit import DigitFit, posture_starts
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .natural_flexion import FlexionLine
 from .palm_template import PalmFit
-from .takes import Gathered
+from .takes import Gathered, InvalidTake
 
 OBSERVED_SHARE = .7      # of the spread known before; with a larger deviation nothing was observed
 OBSERVED_DEVIATION = .002  # [m] of a length; with a larger one it is not known either
@@ -28,11 +28,14 @@ FRAME_DEVIATION = .003     # [m] of the wrist's frame, by the heights of the pal
 HELD_OUT_BLOCK = 1.      # [s] of the parts of a take that are not fitted
 HELD_OUT_EVERY = 5       # block of a take
 HELD_OUT_FRAMES = 200    # judged, evenly spaced
-# [m] that markers are off the hand in frames that were not fitted; ours.
+# [m] that markers are off the hand in frames that were not fitted, in the mean, and that each is at
+# most; farther off than the latter's last, it is another marker than its label says. Ours.
 WELL_FITTED, ROUGHLY_FITTED = .0025, .005
+EACH_WELL_FITTED, MOST_MISS = .005, .01
 BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
               'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
 AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
+WRONG_MARKERS = 'are labels exchanged, or did a marker slip?'
 METRES, RADIANS, PLAIN_NUMBER = 'mm', 'degrees', ''
 
 
@@ -78,6 +81,11 @@ class MarkerResidual(NamedTuple):
     fitted: float
     held_out: float
 
+    @property
+    def miss(self) -> float:
+        """That of the frames not fitted, else that of the fitted ones [m]."""
+        return self.held_out if np.isfinite(self.held_out) else self.fitted
+
 
 class FitReport(NamedTuple):
     """Report of a fit.
@@ -120,11 +128,36 @@ class FitReport(NamedTuple):
                  'the others are as on other hands of this size')
         if not judged:
             return f'the takes are too short to judge the fit; {share}'
-        miss = float(np.mean(judged))
-        fits = 'well' if miss <= WELL_FITTED else 'roughly' if miss <= ROUGHLY_FITTED else 'badly'
-        cure = '' if miss <= ROUGHLY_FITTED else ' (are labels exchanged, or did a marker slip?)'
+        miss, most = float(np.mean(judged)), max(judged)
+        fits = ('well' if miss <= WELL_FITTED and most <= EACH_WELL_FITTED else
+                'roughly' if miss <= ROUGHLY_FITTED and most <= MOST_MISS else 'badly')
+        worst = '' if most <= EACH_WELL_FITTED else ', ' + self._worst(EACH_WELL_FITTED)
+        cure = f' ({WRONG_MARKERS})' if fits == 'badly' else ''
         return (f'the hand fits {fits}: frames that were not fitted are {1e3 * miss:.1f} mm off it '
-                f'in the mean{cure}; {share}')
+                f'in the mean{worst}{cure}; {share}')
+
+    def require_fitted(self, named: str) -> None:
+        """Refuse a fit to which a marker cannot belong.
+
+        Parameters
+        ----------
+        named : str
+            The takes.
+
+        Raises
+        ------
+        InvalidTake
+            Naming the markers.
+        """
+        if any(one.miss > MOST_MISS for one in self.residuals):
+            raise InvalidTake(f'{named}: {self._worst(MOST_MISS)} off every hand that fits, in the '
+                              f'mean; expected {1e3 * MOST_MISS:.0f} mm at most: {WRONG_MARKERS}')
+
+    def _worst(self, least: float) -> str:
+        """Return the markers with a miss above the least [m], the worst first, in words."""
+        worst = sorted((one for one in self.residuals if one.miss > least),
+                       key=lambda one: -one.miss)
+        return ', '.join(f'{one.marker} {1e3 * one.miss:.1f} mm' for one in worst)
 
     def unobserved(self) -> list[str]:
         """Return what the takes do not show, by kind and digit, and what would show it."""

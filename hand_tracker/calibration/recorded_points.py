@@ -27,7 +27,7 @@ def recorded_points(path: str | PathLike[str],
     path : path-like
     reading : ReadingOptions, optional
     layout : MarkerLayout, optional
-        Whose markers have the ids from 0 on in MarkerArrays, beside others.
+        Whose markers are wanted; in MarkerArrays they have the ids from 0 on, beside others.
     by_label : LabelMap, optional
         Of that layout's markers, where they have others.
 
@@ -42,6 +42,9 @@ def recorded_points(path: str | PathLike[str],
     ------
     HandTrackerError
     """
+    reading = reading or ReadingOptions()
+    if layout is not None:
+        reading = reading._replace(names=tuple(layout.names))
     recording = read_recording(path, reading)
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = recording.labels

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
+from .hand_faults import KNUCKLE_DISTANCE, bend_to_back, unit_of
 from .marker_fit import split_palm
 from .palm_template import PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -12,11 +13,9 @@ from .worn_markers import worn_names
 
 LEAST_DURATION = 5.              # [s] of all takes together
 KNUCKLES = 'index_mcp', 'little_mcp'
-KNUCKLE_DISTANCE = (.03, .12)    # [m] of index and little finger's: others are another unit
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
-SIDE_MARGIN = .004               # [m] dorsal of its knuckle on the average: another side
 LEAST_BEND = .03                 # [m] range of a finger's marker over the palm, of one take of many
 
 
@@ -85,15 +84,15 @@ def _check_size(named: str, gathered: Gathered) -> None:
         axis=1)))
     if not np.isfinite(distance):
         raise InvalidTake(f'{named}: index and little knuckle are never seen together')
-    if KNUCKLE_DISTANCE[0] <= distance <= KNUCKLE_DISTANCE[1]:
-        return
-    for unit, factor in (('millimetres', 1e-3), ('centimetres', 1e-2)):
-        if KNUCKLE_DISTANCE[0] <= factor * distance <= KNUCKLE_DISTANCE[1]:
-            raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g}'
-                              f' apart: {unit}, it seems; expected metres (--unit-scale {factor})')
-    raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} m '
-                      f'apart; expected {KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m: '
-                      'wrong labels, or another unit')
+    unit, factor = unit_of(distance)
+    if unit and factor != 1.:
+        raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} '
+                          f'apart: {unit}, it seems; expected metres (--unit-scale {factor}, times '
+                          'one that is given)')
+    if not unit:
+        raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} m '
+                          f'apart; expected {KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m: '
+                          'wrong labels, or another unit')
 
 
 def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
@@ -159,13 +158,8 @@ def _check_side(named: str, side: str, gathered: Gathered, worn: tuple[str, ...]
     across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
     roots = local[:, [_column(gathered, name) for name in across_palm], 2]
     heights = local[:, [_column(gathered, name) for name in worn[3:3 + len(FINGERS)]], 2]
-    heights = heights[:, np.isfinite(heights).any(axis=0)]
-    if not heights.size or not np.isfinite(roots).any():
-        return
-    low, high = np.nanpercentile(heights, (2., 98.), axis=0)
-    middles = (low + high)[high - low > least] / 2. - np.nanmedian(roots)
-    if len(middles) and middles.mean() > SIDE_MARGIN:
+    if bend_to_back(heights, roots, least):
         other = OTHER_SIDE[side]
         raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
                           f'a take of a {side} hand: this is a {other} one (--side {other}), or '
-                          'index and little knuckle are exchanged')
+                          f'two of {", ".join(worn[:3])} are exchanged')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -12,6 +12,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..core.errors import HandTrackerError
+from ..core.model.layout_presets import LAYOUT_PRESETS
 from .point_recording import (
     MAX_POINT_BYTES,
     Axes,
@@ -81,7 +82,7 @@ def _check_arrays(path: Path) -> None:
 
 
 def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
-             partial: bool = False) -> tuple[PointRecording, Axes]:
+             partial: bool = False, names: Collection[str] = ()) -> tuple[PointRecording, Axes]:
     """Read points from an npz file: `markers` and `marker_names`, else `positions` and `joints`.
 
     Parameters
@@ -93,6 +94,8 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         See `ReadingOptions`.
     partial : bool
         Not used: an archive that is cut cannot be read.
+    names : collection of str
+        See `ReadingOptions`.
 
     Returns
     -------
@@ -108,27 +111,28 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     del file, partial
     with open_arrays(path, RecordingError) as data:
         fields = {name: data[name] for name in data.files}
-    pairs = [pair for pair in NPZ_FIELDS if set(pair) <= set(fields)]
-    # Markers with numbers for names say less than the joints beside them.
-    pair = next((pair for pair in pairs if any(
-        str(name).strip().upper().isupper() for name in np.atleast_1d(fields[pair[1]]))),
-        next(iter(pairs), None))
+    named = {pair: [str(name) for name in np.atleast_1d(fields[pair[1]])]
+             for pair in NPZ_FIELDS if set(pair) <= set(fields)}
+    # Markers with numbers for names say less than the joints beside them, but where they are meant.
+    pair = next((pair for pair, own in named.items() if names and set(names) <= set(own)), None)
+    pair = pair or next((pair for pair, own in named.items() if any(
+        name.strip().upper().isupper() for name in own)), next(iter(named), None))
     if pair is None:
         raise RecordingError(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
                              'and marker_names, or positions and joints')
-    beside = [f'the {other} beside the {pair[0]} are not read'
-              for other, _ in pairs if other != pair[0]]
-    points, names = fields[pair[0]], [str(name) for name in np.atleast_1d(fields[pair[1]])]
-    if (points.ndim != 3 or points.shape[1:] != (len(names), 3) or points.dtype.kind not in 'fiu'
+    beside = [f'the {other[0]} beside the {pair[0]} are not read{_layout_hint(own)}'
+              for other, own in named.items() if other != pair]
+    points, own_names = fields[pair[0]], named[pair]
+    count = len(own_names)
+    if (points.ndim != 3 or points.shape[1:] != (count, 3) or points.dtype.kind not in 'fiu'
             or not points.size):
         raise RecordingError(f'{path}: {pair[0]} of shape {points.shape}, {points.dtype}; '
-                             f'expected numbers (T, {len(names)}, 3), as {pair[1]} names '
-                             f'{len(names)}')
+                             f'expected numbers (T, {count}, 3), as {pair[1]} names {count}')
     try:
         rate = float(fields['rate_hz']) if 'rate_hz' in fields else np.nan
     except (TypeError, ValueError):
         raise RecordingError(f'{path}: rate_hz {fields["rate_hz"]}; expected a number') from None
-    labels, repeated = unique_labels(names)
+    labels, repeated = unique_labels(own_names)
     is_landmarks = pair[0] != 'markers'
     # No camera loses a landmark in every frame: such are relative to it.
     is_origin = (points == 0.).all(axis=(0, 2)) & is_landmarks
@@ -138,6 +142,12 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     return PointRecording(
         path.name, 'npz', found, points, rate if rate > 0. else np.nan, None, Axes(),
         (*filter(None, (repeated,)), *beside), is_landmarks), Axes('m', 'z')
+
+
+def _layout_hint(names: Collection[str]) -> str:
+    """Return which layout reads markers of just these names, in brackets, or nothing."""
+    return next((f' (--layout {preset})' for preset, make in LAYOUT_PRESETS.items()
+                 if set(make().names) == set(names)), '')
 
 
 def write_npz(path: Path, recording: PointRecording) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -58,6 +59,9 @@ class ReadingOptions(NamedTuple):
         The file's when left out [Hz].
     subject : str or None
         Whose points alone are read, of those labelled 'SUBJECT:NAME'; all when left out.
+    names : tuple of str
+        Markers that are wanted: of an npz file with markers and joints those are read that have
+        them all.
     """
 
     units: str | None = None
@@ -68,6 +72,7 @@ class ReadingOptions(NamedTuple):
     topic: str | None = None
     frame_rate: float | None = None
     subject: str | None = None
+    names: tuple[str, ...] = ()
 
 
 class FileFormat(NamedTuple):
@@ -214,8 +219,9 @@ def read_recording(path: str | PathLike[str],
         else:
             form = recognised_format(path)
             usual = Axes(form.usual_units, form.usual_up)
+            read = partial(read_npz, names=options.names) if form is NPZ else form.read
             with open_packed(path) as file:
-                recording, axes = form.read(path, file, options.zero_is_missing, options.partial)
+                recording, axes = read(path, file, options.zero_is_missing, options.partial)
     except MemoryError:
         raise RecordingError(f'{path}: not enough memory; expected a recording that fits') from None
     if options.subject:

@@ -101,7 +101,7 @@ class PointBag(Bag):
         from ..calibration.hand_markers import marker_points
         from ..calibration.recorded_points import recorded_points
 
-        recording = recorded_points(path, choice.reading)
+        recording = recorded_points(path, choice.reading, choice.layout)
         if not np.isfinite(recording.points).any():
             raise RecordingError(f'{path}: no point is seen in any of its '
                                  f'{len(recording.points)} frames; expected a hand\'s markers')

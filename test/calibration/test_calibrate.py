@@ -26,6 +26,11 @@ def written(path, take, **fields):
     return path
 
 
+def with_thumb_and_index_exchanged(take):
+    exchanged = {'thumb_tip': 'index_dip', 'index_dip': 'thumb_tip'}
+    return take._replace(names=tuple(exchanged.get(name, name) for name in take.names))
+
+
 def test_hand_file_and_picture_are_written(tmp_path, capsys):
     take, _ = simulated_take(HAND, EVERY_JOINT, seconds=12.)
     output = tmp_path / 'my_hand.yaml'
@@ -110,7 +115,8 @@ def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):
 @pytest.mark.parametrize(('change', 'reason'), (
     (lambda take: take.part(np.arange(60)), '2.0 s long'),
     (lambda take: take._replace(points=1e3 * take.points), 'millimetres'),
-    (lambda take: take._replace(side='left'), 'this is a right one')))
+    (lambda take: take._replace(side='left'), 'this is a right one'),
+    (lambda take: with_thumb_and_index_exchanged(take), 'mm at most: are labels exchanged')))
 def test_a_bad_take_is_refused_with_the_reason(tmp_path, capsys, change, reason):
     take, _ = simulated_take(HAND, EVERY_JOINT, seconds=8.)
     output = tmp_path / 'hand.yaml'

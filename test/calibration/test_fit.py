@@ -283,6 +283,16 @@ def test_refuses_what_is_no_recording(joints, side, message):
         fit_hand(joints, side)
 
 
+def test_refuses_another_unit_and_the_other_side():
+    joints = recorded(person())[1]
+    with pytest.raises(InvalidHand, match='apart: millimetres, it seems; expected metres'):
+        fit_hand(1e3 * joints, 'right')
+    with pytest.raises(InvalidHand, match='expected 0.03 to 0.12 m, and the joints in the order'):
+        fit_hand(.4 * joints, 'right')
+    with pytest.raises(InvalidHand, match='back of a left hand; this is a right one'):
+        fit_hand(joints, 'left')
+
+
 def test_median_lengths():
     chains = np.array([[[0., 0., 0.], [x, 0., 0.], [x, 2., 0.]] for x in (1., 3., 9.)])
     np.testing.assert_allclose(median_lengths(chains), (3., 2.))

@@ -25,7 +25,7 @@ from hand_tracker.calibration.fitted_hand import (
 from hand_tracker.calibration.marker_fit import fit_markers, hand_length
 from hand_tracker.calibration.natural_flexion import fit_flexion_line
 from hand_tracker.calibration.take_files import load_take
-from hand_tracker.calibration.takes import gather
+from hand_tracker.calibration.takes import InvalidTake, gather
 from hand_tracker.core.model.hand import (
     FLEXION_JOINTS,
     JOINTS,
@@ -78,6 +78,15 @@ def test_the_verdict_tells_how_well_the_hand_fits(miss, words):
     verdict = FitReport(residuals, []).verdict()
     assert words in verdict and '0 of 0 parameters' in verdict
     assert ('slip?' in verdict) == (miss == .02)
+
+
+def test_the_verdict_names_markers_that_do_not_fit():
+    residuals = [MarkerResidual('wrist', .001, .001), MarkerResidual('thumb', .001, .006)]
+    verdict = FitReport([residuals[0]] * 6 + residuals[1:], []).verdict()
+    assert 'fits roughly: ' in verdict and 'in the mean, thumb 6.0 mm; ' in verdict
+    FitReport(residuals, []).require_fitted('take')
+    with pytest.raises(InvalidTake, match=r'take: thumb 11\.0 mm off every hand that fits'):
+        FitReport([residuals[0], MarkerResidual('thumb', .011, np.nan)], []).require_fitted('take')
 
 
 def parameter(digit, name, kind, observed, advice):

@@ -244,6 +244,24 @@ def test_convert_writes_what_is_read_again(tracked, tmp_path, output, capsys):
         assert len(angles(tmp_path / 'angles.csv')) == 240
 
 
+def test_markers_that_a_layout_names_are_read_though_joints_are_beside_them(tmp_path, capsys):
+    hand, worn = Hand.scaled(), preset_layout('kyutech23')
+    angles_of_frames, *wrist = demo_motion(hand).sample(np.arange(60) / 60.)
+    fields = {'markers': markers_of(hand, angles_of_frames, worn, *wrist),
+              'marker_names': worn.names, 'rate_hz': 60.}
+    np.savez(tmp_path / 'markers.npz', **fields)
+    np.savez(tmp_path / 'both.npz', **fields, joints=('wrist', 'index_tip'),
+             positions=np.ones((60, 2, 3)))
+    for name in ('markers', 'both'):
+        assert main(['track', str(tmp_path / f'{name}.npz'), '-o', str(tmp_path / f'{name}.csv'),
+                     '--layout', 'kyutech23', '--side', 'right']) == 0
+        assert 'no label' not in capsys.readouterr().err
+    assert (tmp_path / 'both.csv').read_bytes() == (tmp_path / 'markers.csv').read_bytes()
+    assert main(['inspect', str(tmp_path / 'both.npz')]) == 0
+    assert 'the markers beside the positions are not read (--layout kyutech23)' in (
+        capsys.readouterr().out)
+
+
 @pytest.mark.parametrize('layout', ['tips5_palm3', 'optitrack_hand', 'sig18_19', 'kyutech23'])
 def test_markers_by_id_have_the_names_of_their_layout_in_other_formats(
         tmp_path, monkeypatch, layout):
