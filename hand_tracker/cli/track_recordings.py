@@ -92,7 +92,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     else:
         with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
               interrupted.only_noted()):
-            if options.hand is None and not job.layout.offsets.any():
+            if options.hand is None and job.needs_hand_file:
                 job.say(WITHOUT_HAND_FILE)
             if output.suffix in OUTPUT_KINDS:
                 save(output, frames, f'{hand.side}_', options.wrist)

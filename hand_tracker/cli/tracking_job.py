@@ -93,6 +93,12 @@ class TrackingJob:
         return {name: tracker.hand for name, tracker in self._trackers.items()}
 
     @property
+    def needs_hand_file(self) -> bool:
+        """Whether the markers count as at the joints, though they are on the skin."""
+        is_landmarks = isinstance(self._bag, PointBag) and self._bag.is_landmarks
+        return not self.layout.offsets.any() and not is_landmarks
+
+    @property
     def held(self) -> int:
         """Number of tracked frames that do not show the palm, of the hand with most of them."""
         return self.tracked - min(self._palms[name] for name in self._trackers)

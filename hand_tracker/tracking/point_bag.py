@@ -91,6 +91,8 @@ class PointBag(Bag):
         One, or the right and the left one.
     has_labels : bool
         Whether labels say which points are the markers; else all points are there.
+    is_landmarks : bool
+        Whether the points are joint centres, not markers on the skin.
     notes : tuple of str
         See `PointRecording`.
     """
@@ -106,6 +108,7 @@ class PointBag(Bag):
             raise RecordingError(f'{path}: no point is seen in any of its '
                                  f'{len(recording.points)} frames; expected a hand\'s markers')
         self.path, self.notes = path, recording.notes
+        self.is_landmarks = recording.is_landmarks
         self.has_labels = (
             any(recording.labels) if choice.has_labels is None else choice.has_labels)
         if self.has_labels:
