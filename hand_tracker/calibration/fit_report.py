@@ -276,7 +276,7 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
         deviation, before = fit.deviations[row], fit.problem.prior.spread[row]
         if row < ROOT_PART.stop and knuckle is None:
             # The wrist's frame is as uncertain as the places of its markers.
-            deviation = float(np.hypot(deviation, FRAME_DEVIATION))
+            deviation, before = np.hypot((deviation, before), FRAME_DEVIATION)
         value = fit.shape[row]
         if row < ROOT_PART.stop and knuckle is not None:
             value = value - knuckle[row]
