@@ -71,8 +71,8 @@ class MarkerFit(NamedTuple):
         None where a digit has no marker.
     flexions : tuple of FlexionLine or None
         None for a digit without a second marker on its bend.
-    length : float
-        Of the hand, by its bones [m].
+    length, length_deviation : float
+        Of the hand, by its palm and bones, and its standard deviation [m].
     postures : ndarray, shape (n, 25)
         Angles of the hand in frames of the takes, evenly spaced [rad].
     local : ndarray, shape (n, M, 3)
@@ -88,6 +88,7 @@ class MarkerFit(NamedTuple):
     digits: tuple[DigitFit | None, ...]
     flexions: tuple[FlexionLine | None, ...]
     length: float
+    length_deviation: float
     postures: np.ndarray
     local: np.ndarray
 
@@ -137,7 +138,7 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
             if problem is not None:
                 fits[digit] = _fit_again(problem, digit, fits[digit])
             done()
-        length = hand_length(palm.length, length, fits)
+        length, deviation = hand_length(palm.length, length, fits)
 
     # Frames with all markers of every digit, so that a posture is of one moment.
     whole = np.flatnonzero(np.isfinite(local).all(axis=(1, 2)))
@@ -161,7 +162,7 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
              for i in range(len(digit.names))}
     layout = marker_layout(hand, worn, mounts, noise)
     return MarkerFit(hand, layout, gathered.markers, worn, mounts, palm,
-                     tuple(fits), flexions, length, postures, shown)
+                     tuple(fits), flexions, length, deviation, postures, shown)
 
 
 def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
@@ -187,8 +188,9 @@ def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
     return gathered._replace(markers=tuple(markers)), palm
 
 
-def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) -> float:
-    """Return the hand's length by its palm and by the fitted bones [m].
+def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]
+                ) -> tuple[float, float]:
+    """Return the hand's length by its palm and by the fitted bones.
 
     A Gauss-Newton step of the length's logarithm beside all shapes, with the bones' usual lengths
     in proportion to it.
@@ -201,8 +203,8 @@ def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) 
 
     Returns
     -------
-    float
-        [m]
+    length, deviation : float
+        And its standard deviation [m].
     """
     precision = PALM_LENGTH_SPREAD ** -2.
     gradient = precision * np.log(by_palm / length)
@@ -216,7 +218,8 @@ def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) 
         gradient += pull @ (fit.shape - prior.mean)
         precision += pull[BONE_PART] @ prior.mean[BONE_PART] - pull @ fit.covariance @ pull
     step = float(np.clip(gradient / precision, -MOST_LENGTH_STEP, MOST_LENGTH_STEP))
-    return float(np.clip(length * np.exp(step), *HAND_LENGTH_RANGE))
+    length = float(np.clip(length * np.exp(step), *HAND_LENGTH_RANGE))
+    return length, length / np.sqrt(precision)
 
 
 def _marked(gathered: Gathered, digit: int, worn: tuple[str, ...]) -> Marked:
