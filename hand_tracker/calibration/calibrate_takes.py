@@ -108,11 +108,12 @@ def _fit_with_progress(gathered: Gathered, side: str, limits: str,
 
 def _coverage_lines(covered: list[Covered]) -> Iterator[str]:
     """Yield the coverage of each joint as a bar, with the movement to add."""
-    yield 'motion in the take, of what a calibration asks for'
+    yield 'motion in the take, degrees of those that a calibration asks for'
     names = {'turn': 'abduction', 'first': 'first joint', 'second': 'second joint'}
     for one in covered:
         yield (f'{one.digit:7s}{names[one.joint]:13s}{bar(one.share, COVERAGE_BAR)} '
-               f'{one.degrees:4.0f} degrees' + ('' if one.share == 1. else f'; {one.task}'))
+               f'{one.degrees:4.0f} of {one.wanted:2.0f}'
+               + ('' if one.share == 1. else f'; {one.task}'))
 
 
 def _pictured(fit: MarkerFit, gathered: Gathered) -> list[FittedPose]:

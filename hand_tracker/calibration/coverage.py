@@ -32,10 +32,8 @@ class Covered(NamedTuple):
     digit : str
     joint : {'turn', 'first', 'second'}
         Abduction, and the first and second flexion.
-    degrees : float
-        Range that was seen.
-    share : float
-        Of the range asked for, at most 1.
+    degrees, wanted : float
+        Range that was seen, and that a calibration asks for [degrees].
     task : str
         Movement to widen it.
     """
@@ -43,8 +41,13 @@ class Covered(NamedTuple):
     digit: str
     joint: str
     degrees: float
-    share: float
+    wanted: float
     task: str
+
+    @property
+    def share(self) -> float:
+        """Share of the range asked for, at most 1."""
+        return min(1., self.degrees / self.wanted)
 
 
 def coverage(angles: np.ndarray) -> list[Covered]:
@@ -70,5 +73,5 @@ def coverage(angles: np.ndarray) -> list[Covered]:
                 WANTED_ABDUCTION[row], *WANTED_FLEXION[row])):
             seen = float(high[joint] - low[joint])
             task = TASKS['thumb' if digit == 'thumb' else 'finger', kind].format(digit=digit)
-            found.append(Covered(digit, kind, seen, min(1., seen / wanted), task))
+            found.append(Covered(digit, kind, seen, wanted, task))
     return found

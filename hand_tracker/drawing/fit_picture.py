@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..core.model.hand import Hand
+from ..core.model.hand import DIGITS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from .palette import BLUE, DIGIT_COLOURS, GREY, INK, MUTED, VERMILLION
@@ -67,7 +67,7 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
                 if hand.side == 'right':
                     ax.invert_xaxis()   # of the whole row
                 ax.set_ylabel(f'{FIT_AXES[up]} [mm]', fontsize=8, color=MUTED)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc='outside lower center', ncols=2,
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc='outside lower center', ncols=7,
                   frameon=False, fontsize=8)
     figure.savefig(path, metadata={'Software': None})
 
@@ -81,8 +81,9 @@ def _draw_view(ax: Axes, points: np.ndarray, pose: FittedPose,
     skeleton = flat(points)
     for first, second in PALM_BONES:
         ax.plot(*skeleton[[first, second]].T, color=GREY, linewidth=1.)
-    for chain, colour in zip(DIGIT_CHAINS, DIGIT_COLOURS):
-        ax.plot(*skeleton[list(chain)].T, color=colour, linewidth=2.5, marker='o', markersize=3)
+    for digit, chain, colour in zip(DIGITS, DIGIT_CHAINS, DIGIT_COLOURS):
+        ax.plot(*skeleton[list(chain)].T, color=colour, linewidth=2.5, marker='o', markersize=3,
+                label=digit)
     measured, modelled = flat(1e3 * pose.measured), flat(1e3 * pose.modelled)
     for ends in zip(measured, modelled):
         ax.plot(*np.array(ends).T, color=VERMILLION, linewidth=1.)
