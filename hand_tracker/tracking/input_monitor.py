@@ -221,7 +221,7 @@ class InputMonitor:
         elif self._off_since is None:
             self._off_since = now
         self._is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
-        if palm is PalmState.TRACKED:
+        if palm is PalmState.TRACKED and self.bends_away_from is None:
             self._fit.add(now, self._residual)
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
 
@@ -284,8 +284,11 @@ class InputMonitor:
                           self.describe(now, situation, lambda: who) + again))
             self._announced = situation
             self._has_tracked = self._has_tracked or is_tracked
-        lines += [(is_warning, f'{text}: {self._expected(slots)}')
-                  for is_warning, text, slots in self._events.report(now)]
+        events = self._events.report(now)
+        # Of a hand of the other side all that is wrong with its markers follows from that.
+        if self.bends_away_from is None:
+            lines += [(is_warning, f'{text}: {self._expected(slots)}')
+                      for is_warning, text, slots in events]
         return lines
 
     @property

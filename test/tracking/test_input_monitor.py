@@ -337,6 +337,19 @@ def test_says_what_happened_to_a_marker_between_two_reports():
     assert line == "seen where it cannot be, and not used: '5' (ring)"
 
 
+def test_of_a_hand_of_the_other_side_its_side_alone_is_said():
+    hand = Input()
+    hand.fare(.1)
+    assert hand.said(.1) == ['tracking']
+    hand.watch.bends_away_from = 'left'
+    hand.fare(.2, ring=MarkerState.SWAPPED)
+    line, = hand.said(.2)
+    assert line.startswith('the fingers bend away from the palm of a left hand')
+    for i in range(3, 150):
+        hand.fare(.1 * i, ring=MarkerState.REJECTED)
+        assert hand.said(.1 * i) == []
+
+
 def test_flickering_markers_are_said_a_bounded_number_of_times():
     rng = np.random.default_rng(5)
     hand = Input()
