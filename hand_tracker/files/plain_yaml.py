@@ -137,6 +137,9 @@ def yaml_fault(name: str | PathLike[str], error: Exception, like: str = '') -> s
     """
     if isinstance(error, OSError):
         return f'{name}: {error.strerror or error}'
+    if isinstance(error, UnicodeDecodeError):
+        byte = error.object[error.start]
+        return f'{name}: no YAML text: byte {byte:#x}; expected text in UTF-8'
     if isinstance(error, yaml.reader.ReaderError):
         return f'{name}: no YAML text: character {error.character:#x}; expected text in UTF-8'
     if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:

@@ -101,6 +101,7 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         settings, notes = translated(settings, str(path))
         if not urdf:
             settings['urdf'] = find_urdf(settings['urdf'], path)
+    _require_keys('', settings, ROBOT_FILE_KEYS, str(path))
     given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
     if not given:
         raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF "
@@ -134,7 +135,6 @@ def _read_settings(path: Path) -> dict[str, Any]:
 def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
               source: str, order: Sequence[str] = ()) -> LoadedRobot:
     """Return a robot from its settings and its URDF."""
-    _require_keys('', settings, ROBOT_FILE_KEYS, source)
     side = side or settings.get('side')
     if side not in (None, *SIDES):
         raise InvalidRobot(f"{source}: side: '{side}'; expected {' or '.join(SIDES)}")

@@ -316,7 +316,7 @@ def test_files_that_are_no_text_are_refused(tmp_path):
     binary = tmp_path / 'binary.yaml'
     binary.write_bytes(b'\xff\xfe\x00\xd8')
     for path, message in ((tmp_path / 'none.yaml', 'No such file or directory'),
-                          (tmp_path, 'Is a directory'), (binary, 'no YAML text')):
+                          (tmp_path, 'Is a directory'), (binary, 'no YAML text: byte 0xff;')):
         with pytest.raises(InvalidHandFile, match=re.escape(f'{path}: {message}')) as refused:
             load_hand(path)
         assert isinstance(refused.value, HandTrackerError)

@@ -226,6 +226,7 @@ def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monk
     ({'urdf': 'a\0b'}, 'embedded null'),
     ({'urdf': '~no_such_user/a.urdf'}, '~no_such_user/a.urdf: Could not determine home'),
     ({'urdf': ''}, "no urdf: give the path"),
+    ({'urdf': '', 'finger_mcp_mm': {}}, "there is no key 'finger_mcp_mm'; expected are name, urdf"),
     ({'urdf': 'none.urdf'}, 'none.urdf: No such file'),
 ])
 def test_what_is_wrong_is_named(settings, message, hand_urdf, tmp_path):
