@@ -18,6 +18,7 @@ from ..core.model.hand import (
     cmc_joints,
 )
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+from .hand_faults import unit_of
 from .least_squares import evenly_spaced, least_squares
 from .palm_template import rigid_poses, to_palm
 
@@ -76,6 +77,8 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
         palm = _fit_palm(np.median(_sides(whole[:, :len(PALM_MARKERS)]), axis=0), layout)
         sized = _hand_of(palm, np.ones(len(FINGERS)))
     except InvalidHand:
+        return None
+    if unit_of(float(np.linalg.norm(sized.finger_mcp[0] - sized.finger_mcp[-1])))[0] != 'metres':
         return None
     template = layout.principal_mounting(sized).position[:len(PALM_MARKERS)]
     local = to_palm(whole, *rigid_poses(whole[:, :len(PALM_MARKERS)], template))

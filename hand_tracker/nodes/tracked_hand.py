@@ -281,6 +281,10 @@ class TrackedHand:
             self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)
+        if (former.labels.labels, former.unit_scale) != (
+                self.settings.labels.labels, self.settings.unit_scale):
+            # The former frames were read as those of another hand.
+            self.stream.learn_size_anew()
 
     def collect(self, take: LiveTake | None) -> None:
         """Collect frames for a calibration from the next one on; None to end that."""

@@ -62,6 +62,10 @@ class AutoSize:
         self._estimate: _Estimate | None = None
         self._begin()
 
+    def anew(self) -> AutoSize:
+        """Return another one that has seen no frame of the hand."""
+        return AutoSize(self._hand, self._layout, self._in_background)
+
     def _begin(self) -> None:
         self._kept: list[np.ndarray] = []
         self._clouds: list[tuple[np.ndarray, np.ndarray]] = []

@@ -251,10 +251,17 @@ class Stream:
 
     @property
     def size(self) -> str:
-        """Whether the hand's size was 'given', or is 'learning' or 'learned'."""
+        """Whether the hand's size was 'given', or is 'learning', 'learned' or 'not learned'."""
         if self._auto_size is None:
             return 'given'
-        return 'learning' if self._auto_size.is_learning else 'learned'
+        if self._auto_size.is_learning:
+            return 'learning'
+        return 'learned' if self._is_sized else 'not learned'
+
+    def learn_size_anew(self) -> None:
+        """Learn the hand's size from the frames to come, where it is learned at all."""
+        if self._auto_size is not None:
+            self._auto_size = self._auto_size.anew()
 
     @property
     def needs_each_frame(self) -> bool:

@@ -447,6 +447,12 @@ def test_the_size_of_the_hand_is_learned_and_reaches_robot_state_publisher():
         bench.node.repeat(lambda: bench.answer(frames[-1]), urdf, 0.)
         description = urdf()
         found = np.array([bench.angles(frame) for frame in frames[650:]])
+        # What the frames before taught was read in another unit.
+        assert bench.set({'unit_scale': 1.001}).successful
+        del told[:]
+        bench.answer(frames[-1])
+        bench.node.repeat(lambda: None,
+                          lambda: told and values(told[-1])['hand size'] == 'learning', .1)
     pip = JOINTS.index('index_pip_flexion')
     assert np.degrees(np.abs(found - angles[650:])[:, pip].mean()) < 4.
     bone = re.search(r'name="right_index_pip_flexion".*?xyz="(\S+)', description, re.DOTALL)

@@ -69,6 +69,18 @@ def test_in_the_background_the_same_hand_is_found_some_frames_later():
     assert fit_size(markers[:2], Hand.scaled()) is None
 
 
+def test_what_is_no_palm_teaches_nothing_and_learning_may_begin_anew():
+    times, markers = markers_of(Hand.scaled(.2, .092), 7.)
+    size = AutoSize(Hand.scaled(), MarkerLayout())
+    # The label of the little finger's knuckle is on a marker beside the hand.
+    wrong = markers.copy()
+    wrong[:, 2] += markers[:, 2] - markers[:, 1]
+    assert learned(size, times, wrong) == ([], [])
+    assert not size.is_learning
+    size = size.anew()
+    assert size.is_learning and len(learned(size, times + 10., markers)[1]) == len(LEARNING_TIMES)
+
+
 def verdicts(monkeypatch, *told):
     """Let the check of labels tell these verdicts, one by one; return what it was asked."""
     asked = []
