@@ -22,7 +22,7 @@ from .full_layout import fitted_layout
 from .joint_centres import are_joint_centres, landmark_frames
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .take_checks import check_takes
-from .takes import Gathered, MarkerTake, gather
+from .takes import Gathered, InvalidTake, MarkerTake, gather
 
 COVERAGE_BAR = 20          # [characters]
 PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, by flexion [1]
@@ -71,7 +71,11 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
                 'the skin: joints that keep their distances')
     rate = average_rate([take.rate for take in takes])
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
-    report.require_fitted(', '.join(take.name for take in takes))
+    try:
+        report.require_fitted(', '.join(take.name for take in takes))
+    except InvalidTake:
+        print('\n'.join(report.lines()), file=sys.stderr)
+        raise
     covered = coverage(fit.postures)
     lines = [report.verdict(), '', *report.lines(), '', *_coverage_lines(covered)]
     worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)
@@ -83,7 +87,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     print('\n'.join(lines))
     save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
     return (f'{output}: hand of {1e3 * fit.length:.0f} mm (standard deviation '
-            f'{1e3 * fit.length_deviation:.0f}), and at its end each fitted parameter '
+            f'{1e3 * fit.length_deviation:.0f} mm), and at its end each fitted parameter '
             f'with its standard deviation; its markers are drawn in {picture}')
 
 

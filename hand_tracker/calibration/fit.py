@@ -80,12 +80,13 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
 
     local = palm_coordinates(complete)
     palm = np.median(local, axis=0)
-    _check_hand(local, palm, side)
+    breadth = float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP]))
+    _check_hand(local, palm, breadth, side)
     mcp = palm[FINGER_ROWS[:, 0]]
     length = float(np.linalg.norm(palm[MIDDLE_MCP])) / MCP_OF_LENGTH[FINGERS.index('middle')]
     fingers = local[:, FINGER_ROWS]
     thumb = local[:, THUMB_ROWS]
-    scaled = Hand.scaled(length, float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP])))
+    scaled = Hand.scaled(length, breadth)
     hand = scaled.replace(
         finger_mcp=mcp,
         finger_cmc=cmc_joints(mcp, length),
@@ -99,11 +100,13 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
     return fit_radii(_limited(hand, local, limits), local)
 
 
-def _check_hand(local: np.ndarray, palm: np.ndarray, side: str) -> None:
-    """Refuse landmarks (T, 21, 3), of the median palm (21, 3), of another unit or side."""
-    distance = float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP]))
-    unit, factor = unit_of(distance)
-    if factor != 1.:
+def _check_hand(local: np.ndarray, palm: np.ndarray, distance: float, side: str) -> None:
+    """Refuse landmarks (T, 21, 3), of the median palm (21, 3), of another unit or side.
+
+    `distance` is that of the knuckles of index and little finger [m].
+    """
+    unit = unit_of(distance)
+    if unit != 'metres':
         raise InvalidHand(f'joints: index_mcp and little_mcp are {distance:.3g} apart'
                           + (f': {unit}, it seems; expected metres' if unit else ' m; expected '
                              f'{KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m, and the '
@@ -111,7 +114,7 @@ def _check_hand(local: np.ndarray, palm: np.ndarray, side: str) -> None:
     if bend_to_back(local[:, FINGER_ROWS[:, -1], 2], palm[FINGER_ROWS[:, 0], 2], TIP_RANGE,
                     TIP_MARGIN):
         raise InvalidHand(f'joints: the fingers bend to the back of a {side} hand; this is '
-                          f'a {OTHER_SIDE[side]} one')
+                          f'a {OTHER_SIDE[side]} one, or an axis is mirrored')
 
 
 def _limited(hand: Hand, local: np.ndarray, limits: str | ArrayLike) -> Hand:

@@ -128,7 +128,7 @@ class FitReport(NamedTuple):
                  'the others are as on other hands of this size')
         if not judged:
             return f'the takes are too short to judge the fit; {share}'
-        miss, most = float(np.mean(judged)), max(judged)
+        miss, most = float(np.mean(judged)), max(one.miss for one in self.residuals)
         fits = ('well' if miss <= WELL_FITTED and most <= EACH_WELL_FITTED else
                 'roughly' if miss <= ROUGHLY_FITTED and most <= MOST_MISS else 'badly')
         worst = '' if most <= EACH_WELL_FITTED else ', ' + self._worst(EACH_WELL_FITTED)
@@ -150,8 +150,9 @@ class FitReport(NamedTuple):
             Naming the markers.
         """
         if any(one.miss > MOST_MISS for one in self.residuals):
-            raise InvalidTake(f'{named}: {self._worst(MOST_MISS)} off every hand that fits, in the '
-                              f'mean; expected {1e3 * MOST_MISS:.0f} mm at most: {WRONG_MARKERS}')
+            raise InvalidTake(f'{named}: {self._worst(MOST_MISS)} off the hand that fits best, in '
+                              f'the mean; expected {1e3 * MOST_MISS:.0f} mm at most: '
+                              f'{WRONG_MARKERS}')
 
     def _worst(self, least: float) -> str:
         """Return the markers with a miss above the least [m], the worst first, in words."""

@@ -3,11 +3,11 @@
 import numpy as np
 
 KNUCKLE_DISTANCE = (.03, .12)    # [m] of index and little finger's: others are another unit
-SMALLER_UNITS = {'millimetres': 1e-3, 'centimetres': 1e-2}
+UNITS = {'metres': 1., 'millimetres': 1e-3, 'centimetres': 1e-2}
 SIDE_MARGIN = .004               # [m] dorsal of its knuckle on the average: another side
 
 
-def unit_of(distance: float) -> tuple[str, float]:
+def unit_of(distance: float) -> str:
     """Return the unit in which the knuckles of index and little finger are so far apart.
 
     Parameters
@@ -16,14 +16,11 @@ def unit_of(distance: float) -> tuple[str, float]:
 
     Returns
     -------
-    name : str
-        Empty where it is none.
-    factor : float
-        In metres.
+    str
+        One of `UNITS`, empty where it is none.
     """
     low, high = KNUCKLE_DISTANCE
-    return next(((name, factor) for name, factor in (('metres', 1.), *SMALLER_UNITS.items())
-                 if low <= factor * distance <= high), ('', np.nan))
+    return next((name for name, factor in UNITS.items() if low <= factor * distance <= high), '')
 
 
 def bend_to_back(heights: np.ndarray, knuckles: np.ndarray, least: float,

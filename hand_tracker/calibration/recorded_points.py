@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
@@ -19,7 +20,8 @@ from .hand_axes import is_body, with_recognised_axes
 def recorded_points(path: str | PathLike[str],
                     reading: ReadingOptions | None = None,
                     layout: MarkerLayout | None = None,
-                    by_label: LabelMap | None = None) -> PointRecording:
+                    by_label: LabelMap | None = None,
+                    wanted: Iterable[str] = ()) -> PointRecording:
     """Read a recording as points, with unit and handedness by its hands, or by the body in it.
 
     Parameters
@@ -30,6 +32,8 @@ def recorded_points(path: str | PathLike[str],
         Whose markers are wanted; in MarkerArrays they have the ids from 0 on, beside others.
     by_label : LabelMap, optional
         Of that layout's markers, where they have others.
+    wanted : iterable of str, optional
+        Labels of points that are wanted, in place of the layout's names.
 
     Returns
     -------
@@ -42,10 +46,8 @@ def recorded_points(path: str | PathLike[str],
     ------
     HandTrackerError
     """
-    reading = reading or ReadingOptions()
-    if layout is not None:
-        reading = reading._replace(names=tuple(layout.names))
-    recording = read_recording(path, reading)
+    names = tuple(wanted) or (() if layout is None else tuple(layout.names))
+    recording = read_recording(path, (reading or ReadingOptions())._replace(names=names))
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = recording.labels
         names = marker_names(labels) if by_label is None else ()

@@ -78,7 +78,7 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
         sized = _hand_of(palm, np.ones(len(FINGERS)))
     except InvalidHand:
         return None
-    if unit_of(float(np.linalg.norm(sized.finger_mcp[0] - sized.finger_mcp[-1])))[0] != 'metres':
+    if unit_of(float(np.linalg.norm(sized.finger_mcp[0] - sized.finger_mcp[-1]))) != 'metres':
         return None
     template = layout.principal_mounting(sized).position[:len(PALM_MARKERS)]
     local = to_palm(whole, *rigid_poses(whole[:, :len(PALM_MARKERS)], template))

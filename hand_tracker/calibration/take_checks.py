@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
-from .hand_faults import KNUCKLE_DISTANCE, bend_to_back, unit_of
+from .hand_faults import KNUCKLE_DISTANCE, UNITS, bend_to_back, unit_of
 from .marker_fit import split_palm
 from .palm_template import PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -84,11 +84,11 @@ def _check_size(named: str, gathered: Gathered) -> None:
         axis=1)))
     if not np.isfinite(distance):
         raise InvalidTake(f'{named}: index and little knuckle are never seen together')
-    unit, factor = unit_of(distance)
-    if unit and factor != 1.:
+    unit = unit_of(distance)
+    if unit not in ('', 'metres'):
         raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} '
-                          f'apart: {unit}, it seems; expected metres (--unit-scale {factor}, times '
-                          'one that is given)')
+                          f'apart: {unit}, it seems; expected metres (--unit-scale {UNITS[unit]}, '
+                          'or that times the one given)')
     if not unit:
         raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} m '
                           f'apart; expected {KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m: '

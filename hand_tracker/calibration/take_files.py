@@ -108,7 +108,7 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         Naming the file, the fault and what is expected.
     """
     path = Path(path)
-    recording = recorded_points(path, reading, layout)
+    recording = recorded_points(path, reading, layout, wanted=(names or {}).values())
     usual: dict[str, UsualPlace] = {}
     if layout is not None:
         chosen = choose_markers(recording, side, names, layout)

@@ -98,10 +98,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')
     worn_by = chosen.calibration
-    # With all markers where the hand file has them.
-    if worn_by is None and chosen.hand and np.array_equal(
-            load_hand(chosen.hand)[1].offsets, layout.offsets):
-        worn_by = chosen.hand
+    if worn_by is None and chosen.hand:
+        own, worn = load_hand(chosen.hand)
+        # With all markers where the hand file has them.
+        if own.side == hand.side and np.array_equal(worn.offsets, layout.offsets):
+            worn_by = chosen.hand
     print('Its markers are on the skin: track it with --hand '
           f'{worn_by or "HAND.yaml, which --calibration HAND.yaml writes"}')
     return 0

@@ -41,7 +41,7 @@ class TrackedFile(NamedTuple):
     ----------
     output : Path or Url
     read, tracked, held : int
-        Frames, those with a hand, and of these those that do not show its palm.
+        Frames, those with a hand, and of these those that show no palm.
     rate : float
         Frames in a second of work.
     """
@@ -53,7 +53,7 @@ class TrackedFile(NamedTuple):
     rate: float
 
     def __str__(self) -> str:
-        held = f'{self.held} of them with the palm hidden, ' if self.held else ''
+        held = f'{self.held} of them show no palm, ' if self.held else ''
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {held}'
                 f'{self.rate:.0f} a second')
 

@@ -64,14 +64,14 @@ class TrackingJob:
     Attributes
     ----------
     layout : MarkerLayout
-    read, tracked : int
-        Number of messages read, and of those with a tracked hand.
+    read, tracked, held : int
+        Number of messages read, of those with a tracked hand, and of these without any palm.
     """
 
     def __init__(self, bag: Bag, topic: str, interrupted: Interruptions,
                  progress: ProgressMaker, layout: MarkerLayout) -> None:
         self.layout = layout
-        self.read = self.tracked = 0
+        self.read = self.tracked = self.held = 0
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
         self._progress = progress(bag.counts[topic], 'frames')
         self._monitors: dict[str, Monitor] = {}  # by hand
@@ -97,11 +97,6 @@ class TrackingJob:
         """Whether the markers count as at the joints, though they are on the skin."""
         is_landmarks = isinstance(self._bag, PointBag) and self._bag.is_landmarks
         return not self.layout.offsets.any() and not is_landmarks
-
-    @property
-    def held(self) -> int:
-        """Number of tracked frames that do not show the palm, of the hand with most of them."""
-        return self.tracked - min(self._palms[name] for name in self._trackers)
 
     def say(self, note: str) -> None:
         """Print a note on the recording."""
@@ -131,9 +126,9 @@ class TrackingJob:
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
-            for name, frame in frames.items():
-                if frame.state.palm in PALM_SEEN:
-                    self._palms[name] += 1
+            shown = [name for name, frame in frames.items() if frame.state.palm in PALM_SEEN]
+            self._palms.update(shown)
+            self.held += not shown
             yield frames
         self._require_tracked()
         for name, (_, reading) in hands.items():

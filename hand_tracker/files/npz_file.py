@@ -113,14 +113,17 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         fields = {name: data[name] for name in data.files}
     named = {pair: [str(name) for name in np.atleast_1d(fields[pair[1]])]
              for pair in NPZ_FIELDS if set(pair) <= set(fields)}
-    # Markers with numbers for names say less than the joints beside them, but where they are meant.
-    pair = next((pair for pair, own in named.items() if names and set(names) <= set(own)), None)
-    pair = pair or next((pair for pair, own in named.items() if any(
-        name.strip().upper().isupper() for name in own)), next(iter(named), None))
+    found = {pair: len(set(names) & set(own)) for pair, own in named.items()}
+    pair = max(found, key=lambda each: found[each], default=None)
+    if pair is not None and 2 * found[pair] <= len(names):
+        # Markers with numbers for names say less than the joints beside them.
+        pair = next((each for each, own in named.items() if any(
+            name.strip().upper().isupper() for name in own)), pair)
     if pair is None:
         raise RecordingError(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
                              'and marker_names, or positions and joints')
-    beside = [f'the {other[0]} beside the {pair[0]} are not read{_layout_hint(own)}'
+    beside = [f'the {other[0]} beside the {pair[0]} are not read'
+              + ('' if names else _layout_hint(own))
               for other, own in named.items() if other != pair]
     points, own_names = fields[pair[0]], named[pair]
     count = len(own_names)
@@ -138,16 +141,17 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     is_origin = (points == 0.).all(axis=(0, 2)) & is_landmarks
     buffer = PointBuffer(path, labels, zero_is_missing, len(points), is_origin)
     buffer.append(points)
-    found, points = buffer.finish()
+    labels, points = buffer.finish()
     return PointRecording(
-        path.name, 'npz', found, points, rate if rate > 0. else np.nan, None, Axes(),
+        path.name, 'npz', labels, points, rate if rate > 0. else np.nan, None, Axes(),
         (*filter(None, (repeated,)), *beside), is_landmarks), Axes('m', 'z')
 
 
 def _layout_hint(names: Collection[str]) -> str:
-    """Return which layout reads markers of just these names, in brackets, or nothing."""
-    return next((f' (--layout {preset})' for preset, make in LAYOUT_PRESETS.items()
-                 if set(make().names) == set(names)), '')
+    """Return which layout reads markers of these names, in brackets, or nothing."""
+    known = {preset: len(layout.names) for preset, make in LAYOUT_PRESETS.items()
+             if set((layout := make()).names) <= set(names)}
+    return f' (--layout {max(known, key=lambda preset: known[preset])})' if known else ''
 
 
 def write_npz(path: Path, recording: PointRecording) -> None:

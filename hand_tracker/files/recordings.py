@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..output_files import require_folder, write_whole
-from .bag_points import read_bag_points, write_bag_points
+from .bag_points import BAG_FORMAT, read_bag_points, write_bag_points
 from .bags import BAG_CONTENTS, STORAGE
 from .bvh_file import BVH_START, read_bvh
 from .c3d_file import C3D_KEY, read_c3d, write_c3d
@@ -61,7 +61,7 @@ class ReadingOptions(NamedTuple):
         Whose points alone are read, of those labelled 'SUBJECT:NAME'; all when left out.
     names : tuple of str
         Markers that are wanted: of an npz file with markers and joints those are read that have
-        them all.
+        most of them.
     """
 
     units: str | None = None
@@ -219,6 +219,7 @@ def read_recording(path: str | PathLike[str],
         else:
             form = recognised_format(path)
             usual = Axes(form.usual_units, form.usual_up)
+            # No other format has both markers and joints.
             read = partial(read_npz, names=options.names) if form is NPZ else form.read
             with open_packed(path) as file:
                 recording, axes = read(path, file, options.zero_is_missing, options.partial)
@@ -286,7 +287,7 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
     require_folder(path, RecordingError)
     if form is None and path.suffix in STORAGE:
         write_bag_points(path, recording)
-        return 'rosbag2'
+        return BAG_FORMAT
     form = form or _by_name(path)
     if form is None or form.write is None:
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '

@@ -113,12 +113,12 @@ class RetargetNode(SubscriptionHidingNode):
         self._teleoperation = Teleoperation(
             loaded, hand, names.prefix, GuardOptions(**_options(GuardOptions, 'safety', values)),
             values['min_confidence'])
-        self._compile(loaded, hand)
         self._period = 1. / values['rate']
         self._outputs = self._make_command_outputs(values)
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
         self._sends_wrist_poses = any(name == 'pose' for name, _ in self._wrist_outputs)
+        self._compile(loaded, hand)
         if self._wrist_outputs:
             # Not without need, as it imports scipy, which takes longer than all else here.
             self._wrist = WristFollower(WristOptions(**_options(WristOptions, 'wrist', values)))

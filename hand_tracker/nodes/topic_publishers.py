@@ -51,4 +51,5 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
             return (f'{name} publishes with best effort, and qos.markers.reliability here is '
                     'reliable')
-    return f'{name} publishes them, but {SENDS_NOTHING}'
+    names = dict.fromkeys(filter(None, map(full_name, endpoints)))
+    return f'{", ".join(names) or UNDISCOVERED} publishes them, but {SENDS_NOTHING}'

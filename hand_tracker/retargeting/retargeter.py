@@ -111,8 +111,8 @@ class Retargeter:
         given = np.asarray(angles, dtype=float)
         if given.shape != (len(JOINTS),) or not are_joint_angles(given):
             raise ValueError(
-                f'angles: shape {given.shape}, from {given.min(initial=0.):g} to '
-                f'{given.max(initial=0.):g}; expected {len(JOINTS)} finite numbers, in radians')
+                f'angles: shape {given.shape}, up to {np.abs(given).max(initial=0.):g}; expected '
+                f'{len(JOINTS)} finite numbers, in radians')
         self.human.angles[0] = given
         place_landmarks(self._human)
         return self.update(self.human.landmarks, dt, self.human.angles[0])

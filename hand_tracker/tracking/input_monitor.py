@@ -284,11 +284,10 @@ class InputMonitor:
                           self.describe(now, situation, lambda: who) + again))
             self._announced = situation
             self._has_tracked = self._has_tracked or is_tracked
-        events = self._events.report(now)
         # Of a hand of the other side all that is wrong with its markers follows from that.
         if self.bends_away_from is None:
             lines += [(is_warning, f'{text}: {self._expected(slots)}')
-                      for is_warning, text, slots in events]
+                      for is_warning, text, slots in self._events.report(now)]
         return lines
 
     @property

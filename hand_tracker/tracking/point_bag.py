@@ -103,7 +103,8 @@ class PointBag(Bag):
         from ..calibration.hand_markers import marker_points
         from ..calibration.recorded_points import recorded_points
 
-        recording = recorded_points(path, choice.reading, choice.layout)
+        recording = recorded_points(
+            path, choice.reading, choice.layout, wanted=choice.names.values())
         if not np.isfinite(recording.points).any():
             raise RecordingError(f'{path}: no point is seen in any of its '
                                  f'{len(recording.points)} frames; expected a hand\'s markers')

@@ -85,7 +85,9 @@ def test_the_verdict_names_markers_that_do_not_fit():
     verdict = FitReport([residuals[0]] * 6 + residuals[1:], []).verdict()
     assert 'fits roughly: ' in verdict and 'in the mean, thumb 6.0 mm; ' in verdict
     FitReport(residuals, []).require_fitted('take')
-    with pytest.raises(InvalidTake, match=r'take: thumb 11\.0 mm off every hand that fits'):
+    unjudged = [residuals[0]] * 9 + [MarkerResidual('thumb', .02, np.nan)]
+    assert 'fits badly: ' in FitReport(unjudged, []).verdict()
+    with pytest.raises(InvalidTake, match=r'take: thumb 11\.0 mm off the hand that fits best'):
         FitReport([residuals[0], MarkerResidual('thumb', .011, np.nan)], []).require_fitted('take')
 
 

@@ -22,6 +22,8 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE',
     ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
     ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
     ([endpoint(node=UNNAMED_NODE)], 'reliable', 'a node not yet discovered publishes them'),
+    ([endpoint(), endpoint(node=UNNAMED_NODE), endpoint(node='replay')], 'reliable',
+     '/driver, /replay publishes them'),
     ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
 def test_says_why_nothing_may_come(endpoints, reliability, said):
     assert said in who_publishes(endpoints, reliability)

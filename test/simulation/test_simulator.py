@@ -141,6 +141,9 @@ def test_markers_a_little_inside_as_calibrations_find_them_are_seen(tmp_path, ca
     said = capsys.readouterr().out
     lost = float(re.search(r'([\d.]+) % of the markers lost', said).group(1))
     assert lost < 5. and f'track it with --hand {tmp_path / "own.yaml"}' in said
+    assert main(['demo', '--hand', str(tmp_path / 'own.yaml'), '--side', 'left', '--rate', '2',
+                 '-o', str(tmp_path / 'out.mcap')]) == 0
+    assert 'track it with --hand HAND.yaml' in capsys.readouterr().out
 
 
 def test_help_tells_the_defaults_that_there_are(capsys):

@@ -348,6 +348,11 @@ def test_of_a_hand_of_the_other_side_its_side_alone_is_said():
     for i in range(3, 150):
         hand.fare(.1 * i, ring=MarkerState.REJECTED)
         assert hand.said(.1 * i) == []
+    # It was of this side after all.
+    hand.watch.bends_away_from = None
+    hand.fare(15., ring=MarkerState.REJECTED)
+    assert hand.said(15.) == ['tracking again',
+                              "seen where it cannot be, and not used: '5' (ring)"]
 
 
 def test_flickering_markers_are_said_a_bounded_number_of_times():

@@ -235,8 +235,9 @@ def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, cap
 def test_convert_writes_what_is_read_again(tracked, tmp_path, output, capsys):
     path = tmp_path / output
     assert main(['convert', str(tracked / 'take.c3d'), str(path)]) == 0
-    if output == 'out.csv':
-        assert capsys.readouterr().out.endswith('points, as OptiTrack CSV\n')
+    written = {'.c3d': 'C3D', '.trc': 'TRC', '.tsv': 'Qualisys TSV', '.csv': 'OptiTrack CSV',
+               '.npz': 'npz', '.mcap': 'rosbag2'}.get(path.suffix)
+    assert written is None or capsys.readouterr().out.endswith(f'points, as {written}\n')
     if path.suffix == '.glb':
         assert path.read_bytes()[:4] == b'glTF'
     else:
@@ -257,6 +258,12 @@ def test_markers_that_a_layout_names_are_read_though_joints_are_beside_them(tmp_
                      '--layout', 'kyutech23', '--side', 'right']) == 0
         assert 'no label' not in capsys.readouterr().err
     assert (tmp_path / 'both.csv').read_bytes() == (tmp_path / 'markers.csv').read_bytes()
+    np.savez(tmp_path / 'lacking.npz', **fields | {
+        'markers': fields['markers'][:, :-1], 'marker_names': fields['marker_names'][:-1]},
+        joints=('wrist', 'index_tip'), positions=np.ones((60, 2, 3)))
+    assert main(['track', str(tmp_path / 'lacking.npz'), '-o', str(tmp_path / 'out.csv'),
+                 '--layout', 'kyutech23', '--side', 'right']) == 0
+    assert 'no label for 23; the other 22 markers are tracked' in capsys.readouterr().err
     assert main(['inspect', str(tmp_path / 'both.npz')]) == 0
     assert 'the markers beside the positions are not read (--layout kyutech23)' in (
         capsys.readouterr().out)
@@ -398,7 +405,10 @@ def test_a_landmark_that_is_the_origin_is_tracked(tmp_path, capsys):
     path = tmp_path / 'landmarks.npz'
     write_recording(path, recording)
     assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv')]) == 0
-    assert '240 of 240 frames tracked' in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert '240 of 240 frames tracked' in said.out
+    # Joints are not on the skin, so that no hand file is needed for that.
+    assert 'no hand file' not in said.err
     # Two points at one place are none.
     recording.points[:, 5] = 0.
     write_recording(path, recording)
