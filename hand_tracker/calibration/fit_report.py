@@ -28,10 +28,10 @@ FRAME_DEVIATION = .003     # [m] of the wrist's frame, by the heights of the pal
 HELD_OUT_BLOCK = 1.      # [s] of the parts of a take that are not fitted
 HELD_OUT_EVERY = 5       # block of a take
 HELD_OUT_FRAMES = 200    # judged, evenly spaced
-# [m] that markers are off the hand in frames that were not fitted, in the mean, and that each is at
-# most; farther off than the latter's last, it is another marker than its label says. Ours.
+# [m] that markers are off the hand in frames that were not fitted, in the mean over all; ours.
 WELL_FITTED, ROUGHLY_FITTED = .0025, .005
-EACH_WELL_FITTED, MOST_MISS = .005, .01
+EACH_WELL_FITTED = .005  # [m] that one of them is, of a hand that fits well; ours
+MOST_MISS = .01          # [m] beyond which it is another marker than its label says; ours
 BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
               'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
 AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
@@ -128,7 +128,8 @@ class FitReport(NamedTuple):
                  'the others are as on other hands of this size')
         if not judged:
             return f'the takes are too short to judge the fit; {share}'
-        miss, most = float(np.mean(judged)), max(one.miss for one in self.residuals)
+        miss = float(np.mean(judged))
+        most = float(np.nanmax([one.miss for one in self.residuals]))
         fits = ('well' if miss <= WELL_FITTED and most <= EACH_WELL_FITTED else
                 'roughly' if miss <= ROUGHLY_FITTED and most <= MOST_MISS else 'badly')
         worst = '' if most <= EACH_WELL_FITTED else ', ' + self._worst(EACH_WELL_FITTED)
