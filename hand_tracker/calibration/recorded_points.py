@@ -46,8 +46,8 @@ def recorded_points(path: str | PathLike[str],
     ------
     HandTrackerError
     """
-    names = tuple(wanted) or (() if layout is None else tuple(layout.names))
-    recording = read_recording(path, (reading or ReadingOptions())._replace(names=names))
+    meant = tuple(wanted) or (() if layout is None else tuple(layout.names))
+    recording = read_recording(path, (reading or ReadingOptions())._replace(names=meant))
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = recording.labels
         names = marker_names(labels) if by_label is None else ()

@@ -238,7 +238,7 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     if not memory.is_confident[0] or (is_engaged and not is_followed(guards[0], now)):
         return NOT_FOLLOWED
     for i in range(JOINT_COUNT):
-        # Neither is a number that is not finite.
+        # Of NaN this is true, too.
         if not abs(human.angles[0, i]) <= MOST_ANGLE:
             return NOT_FOLLOWED
     step = accept_angles(memories, humans, stamp, now)
