@@ -133,6 +133,8 @@ class TrackedHand:
         self._monitor.check_side(self.hand, self._tracker.layout)
         if self.labels_points:
             self._warn_of_usual_shape()
+        else:
+            self._monitor.check_labels(self.hand, self._tracker.layout)
 
     # Frames
 
@@ -276,6 +278,8 @@ class TrackedHand:
         former, self.settings = self.settings, self._settings_of(hand, self._values())
         if layout is not None:
             self.stream.replace_hand(self.settings.hand, layout, self.settings.options)
+            if not self.labels_points:
+                self._monitor.check_labels(hand, layout)
         elif not tracks_alike(former, self.settings):
             # It derives all that it tracks with anew: several frames long.
             self._tracker.configure(hand=self.settings.hand, options=self.settings.options)

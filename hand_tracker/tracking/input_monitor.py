@@ -7,7 +7,7 @@ logged at the rate of the markers.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -224,6 +224,15 @@ class InputMonitor:
         if palm is PalmState.TRACKED and self.bends_away_from is None:
             self._fit.add(now, self._residual)
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
+
+    def exchanged(self, rather: Mapping[int, int]) -> None:
+        """Note which markers are rather others, as of `ExchangeCheck.add`."""
+        if rather:
+            names = self.labels.names
+            places = ', '.join(f'{self._expected([slot])} stays where {names[other]} should be'
+                               for slot, other in rather.items())
+            self.warn_once(('exchanged', places),
+                           f'labels look exchanged: {places}; check {self.names.labels}')
 
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""

@@ -16,6 +16,7 @@ from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
+from .exchange_check import ExchangeCheck
 from .input_monitor import OFF_HAND_DISTANCE, InputMonitor, StateRun
 from .marker_events import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
@@ -165,14 +166,21 @@ class Monitor:
         self._label_changes = LabelChanges(len(labels.names))
         self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
+        self._exchange_check: ExchangeCheck | None = None
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
 
+    def check_labels(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Check in the frames to come whether labels of digits are exchanged."""
+        self._exchange_check = ExchangeCheck(hand, layout)
+
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
+        if self._exchange_check is not None and labels.labels != self._input.labels.labels:
+            self._exchange_check.begin()
         self._input.labels = labels
 
     @property
@@ -272,6 +280,7 @@ class Monitor:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         self._flush()
         self._check_side_of_hand()
+        self._check_labels_of_digits()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
@@ -300,3 +309,10 @@ class Monitor:
             self._input.bends_away_from = self._side_check.side if is_other_side else None
         if is_other_side is False:
             self._side_check = None
+
+    def _check_labels_of_digits(self) -> None:
+        """Check the labels by the last frame."""
+        if (self._exchange_check is None or self._last is None or self._input.is_wrong
+                or self.label_fault is not None):
+            return
+        self._input.exchanged(self._exchange_check.add(*self._last) or {})

@@ -195,6 +195,8 @@ class RecordedHand:
         self._stream.compile_in_background()
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
+            if reading.has_labels:
+                monitor.check_labels(tracker.hand, tracker.layout)
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

@@ -196,6 +196,22 @@ def test_a_hand_of_the_other_side_is_wrong_until_it_is_of_this_side():
     assert lines[0] == 'tracking' and 'tracking again' in lines
 
 
+def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
+    hand = Hand.scaled()
+    found, tracker = monitor(), HandTracker(hand)
+    found.check_labels(hand, tracker.layout)
+    lines = []
+    for number in range(320):
+        now = .1 * number
+        frame = hand_at(hand.relaxed() * (1. + .5 * np.sin(now)))
+        frame[[3, 4]] = frame[[4, 3]]
+        found.update(batch([now], (now, tracker.update(frame, now))))
+        lines += [line for line in logged(found, now) if 'exchanged' in line]
+    line, = lines
+    assert line == ("labels look exchanged: '4' (middle) stays where index should be, '3' (index) "
+                    'stays where middle should be; check labels.*')
+
+
 def test_frames_of_a_recording_are_told_of_as_one_by_one():
     together, one_by_one, random = monitor(), monitor(), np.random.default_rng(2)
     swapped = {'index': MarkerState.SWAPPED, 'ring': MarkerState.SWAPPED}

@@ -139,6 +139,30 @@ def label_cost(markers: np.ndarray, seen: np.ndarray, rows: np.ndarray,
     return cost
 
 
+def permuted_costs(places: np.ndarray, permutations: np.ndarray,
+                   typical: TypicalPlaces) -> np.ndarray:
+    """Return the digits' share of `label_cost` for each order of their markers, all seen.
+
+    Parameters
+    ----------
+    places : ndarray, shape (5, 3)
+        Of the digits' markers, in the wrist's frame of a right hand of the model's size [m].
+    permutations : ndarray of int, shape (n, 5)
+        Rows of `places` for the digits.
+    typical : TypicalPlaces
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In variances, up to a constant.
+    """
+    off = places - typical.mean[:, None]  # digits, rows
+    far = np.einsum('ijk,ikl,ijl->ij', off, typical.precision, off)
+    costs = np.minimum(far, MAX_DIGIT_COST)[np.arange(5), permutations].sum(axis=1)
+    across = places[permutations[:, :4], 1]
+    return costs + DISORDER_COST * (np.diff(across) > ORDER_TOLERANCE).sum(axis=1)
+
+
 @jit
 def _apply_exchange(rows: np.ndarray, n: int) -> None:
     """Exchange the rows of the n-th pair of markers, `EXCHANGES[n]`."""
