@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
@@ -51,6 +52,8 @@ from .tracker_parameters import (
 )
 
 SERVICE_POLL = .1    # [s]
+POLLS_BEFORE_HINT = 50   # without the tracker, before others are named
+TRACKER_SERVICE = re.compile(f'(/({"|".join(SIDES)}))?/load_hand$')
 ANSWER = 1.          # [s] after which the tracker is asked again
 CALIBRATE_NODE = 'calibrate'  # beside the tracker
 LATEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -107,8 +110,12 @@ class LiveTracker:
         self._set = self._node.create_client(
             SetParametersAtomically, f'{self._tracker}/set_parameters_atomically')
         say(f'Waiting for the tracker {self._tracker}')
+        polls = 0
         while not self._get.wait_for_service(SERVICE_POLL):
-            pass
+            polls += 1
+            if polls == POLLS_BEFORE_HINT and (others := self._trackers()):
+                say(f'Waiting for the tracker {self._tracker}, which is not there; there is '
+                    f'{", ".join(others)} (--ros-args -p tracker:={others[0]})')
         start = self._values(row.name for row in START)
         topics = SHARED
         if start['side'] == BOTH:
@@ -152,6 +159,12 @@ class LiveTracker:
         if self.beside is not None:
             self.beside.prepare(say)
         say('Waiting for the hand: markers come in, and the palm is seen?')
+
+    def _trackers(self) -> list[str]:
+        """Return the names of the trackers that are there, by a service that each has."""
+        return sorted({TRACKER_SERVICE.sub('', name)
+                       for name, _ in self._node.get_service_names_and_types()
+                       if TRACKER_SERVICE.search(name)})
 
     def _take_hand(self, hand: Hand, layout: MarkerLayout) -> None:
         """Show another hand."""

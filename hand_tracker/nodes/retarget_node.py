@@ -128,6 +128,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._is_clutched, self._wrist_fault, self._frame_fault = False, '', ''
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
+        self._known_jumps = 0   # of the last status
         self._sent = self._wrist_sent = -self._period
         raw = Serialization().raw
         if not raw:
@@ -476,10 +477,15 @@ class RetargetNode(SubscriptionHidingNode):
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
-        is_fine = guard.is_following and not self._wrist_fault
+        refused = self._teleoperation.refused_jumps
+        text = fault or f'{guard.state.value}: {self._reason}'
+        if refused > self._known_jumps:
+            text += f'; {refused - self._known_jumps} jumps of the hand refused'
+        is_fine = guard.is_following and not self._wrist_fault and refused == self._known_jumps
+        self._known_jumps = refused
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
-        status = Status(level, fault or f'{guard.state.value}: {self._reason}', {
-            'state': guard.state.value, 'refused jumps': str(self._teleoperation.refused_jumps),
+        status = Status(level, text, {
+            'state': guard.state.value, 'refused jumps': str(refused),
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),

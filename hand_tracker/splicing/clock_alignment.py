@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.optimize import OptimizeResult, least_squares
-from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
+from scipy.signal import butter, find_peaks, sosfiltfilt
 from scipy.spatial.transform import Rotation
 from scipy.stats import theilslopes
 
@@ -326,7 +327,7 @@ def _fitted(body: _Motion, hand: CubicSpline, line: tuple[float, float],
     filtering = np.ones(1)
 
     def whitened(samples: np.ndarray) -> np.ndarray:
-        changes = lfilter(filtering, 1., samples, axis=0)[len(filtering) - 1:]
+        changes = sliding_window_view(samples, len(filtering), axis=0) @ filtering[::-1]
         return changes - changes.mean(axis=0)
 
     def hand_path(at: float, stretch: float) -> np.ndarray:

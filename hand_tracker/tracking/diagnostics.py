@@ -215,16 +215,19 @@ class Diagnostics:
                   'frames left out': str(self._left_out), 'hand size': self.size,
                   **self.calibration, 'mean residual [mm]': '',
                   **_latency_values(self._last_latency)}
+        # What was so before the markers ended is not so now.
+        before = 'last ' if self._input.situation(now) == 'silent' else ''
         if state is not None:
-            values['palm'] = _words(state.palm)
+            values['palm'] = before + _words(state.palm)
             values['mean residual [mm]'] = _number(1e3 * mean_residual(state.residuals), 2)
             values['palm'] += _passing(
                 palm for palm in PALM_FAULTS if palm in self._passed and palm is not state.palm)
         for slot, marker in enumerate(self._input.labels.names):
             value = _marker(state, slot) if worn[slot] else 'not worn'
             if state is not None and worn[slot]:
-                value += _passing(kind for kind in MARKER_TROUBLES if (slot, kind) in self._passed
-                                  and kind != state.marker_states[slot])
+                value = before + value + _passing(
+                    kind for kind in MARKER_TROUBLES if (slot, kind) in self._passed
+                    and kind != state.marker_states[slot])
             values[f'{marker} marker'] = value
         self._last_passed, self._passed = self._passed, set()
         return Status(level, text, values)

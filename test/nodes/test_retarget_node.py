@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TransformStamped, Twist, TwistStamped
 from helpers.robots import human_robot_file, wide_hand
 from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
@@ -132,6 +132,14 @@ def test_an_arm_may_share_the_topic_of_the_hand(robot):
         node.spin_until(lambda: len(bench.commands) > sent + 100)
         # A busy machine may pause the hand now and then.
         assert process.output.count('they are not of this hand') < 20
+        # Another hand on it, in another pose, moves nothing, and the status says so.
+        statuses = node.collect(DiagnosticArray, '/diagnostics')
+        fist = pose_angles('fist', bench.hand)
+        node.create_timer(PERIOD, lambda: publisher.publish(joint_state(
+            bench.stamps[-1], bench.names.joints, fist)))
+        node.spin_until(lambda: any(
+            status.level > DiagnosticStatus.OK and 'jumps of the hand refused' in status.message
+            for message in statuses for status in message.status))
         arm.destroy_node()
         assert process.interrupt() == 0, process.output
 

@@ -54,6 +54,11 @@ def heard(node):
         node.get_name(), node.get_namespace())} & {'/joint_states', '/hand_markers', '/markers'}
 
 
+def refuse_others(line):
+    if 'there is' in line:
+        raise ValueError(line)
+
+
 def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
     rclpy.init()
     node = rclpy.create_node('viewer')
@@ -105,6 +110,8 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             live.constrain(live.constraints - {'Rigidity'})
             later = LiveTracker(node)
             wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
+            with pytest.raises(ValueError, match='there is /hand_tracker .*tracker:=/hand_tracker'):
+                LiveTracker(node, 'wrong').prepare(refuse_others)
     finally:
         node.destroy_node()
         rclpy.shutdown()

@@ -54,6 +54,9 @@ def test_a_tracked_hand():
         'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
         'frames late': '0', 'frames dropped': '0',
         **{f'{marker} marker': 'seen' for marker in MARKERS}}
+    level, _, values = hand.status(1.01 + SILENT_AFTER)
+    assert level is Level.STALE
+    assert (values['palm'], values['index marker']) == ('last tracked', 'last seen')
 
 
 @pytest.mark.parametrize('state, level, said, value', [
