@@ -106,7 +106,8 @@ class TrackedHand:
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
-        self.labels_points = start['labels'] == WITHOUT_LABELS
+        self._starts_without_labels = start['labels'] == WITHOUT_LABELS
+        self.labels_points = self._starts_without_labels
         self._point_labels = point_labels or PointLabels()
         kind = MARKER_MESSAGES[start['marker_message']]
         # Points of both hands are labelled together.
@@ -193,7 +194,7 @@ class TrackedHand:
     def _label_points(self, reason: str) -> None:
         """Label points by the hand's shape from the next message on."""
         self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of the '
-                                "hand, as with labels:='none'")
+                                "hand, as with labels:='none', until other labels.* are set")
         self.labels_points = True
         self._warn_of_usual_shape()
         self.stream.reader = self._new_reader()
@@ -283,10 +284,12 @@ class TrackedHand:
         elif not tracks_alike(former, self.settings):
             # It derives all that it tracks with anew: several frames long.
             self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
+        has_other_labels = former.labels.labels != self.settings.labels.labels
+        if has_other_labels:
+            self.labels_points = self._starts_without_labels
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)
-        if (former.labels.labels, former.unit_scale) != (
-                self.settings.labels.labels, self.settings.unit_scale):
+        if has_other_labels or former.unit_scale != self.settings.unit_scale:
             # The former frames were read as those of another hand.
             self.stream.learn_size_anew()
 

@@ -179,8 +179,10 @@ class Monitor:
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
-        if self._exchange_check is not None and labels.labels != self._input.labels.labels:
-            self._exchange_check.begin()
+        if labels.labels != self._input.labels.labels:
+            self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
+            if self._exchange_check is not None:
+                self._exchange_check.begin()
         self._input.labels = labels
 
     @property

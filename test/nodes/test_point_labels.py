@@ -43,6 +43,16 @@ def test_points_without_any_label_are_labelled_by_the_shape_of_the_hand_and_that
         bench.meet(hand_at())
         bench.process.wait_for_line("as with labels:='none'")
         assert len(lines(bench.process, "as with labels:='none'")) == 1
+        labelled = bench.node.collect(MarkerArray, 'labelled_markers')
+        bench.node.repeat(lambda: bench.send(hand_at()), lambda: labelled, .05)
+        # Those of the source are used again once others are set.
+        assert bench.set({f'labels.{name}': str(i) for i, name in enumerate(MARKERS)}).successful
+        for _ in range(3):
+            bench.answer(hand_at())
+        count = len(labelled)
+        for _ in range(10):
+            bench.answer(hand_at())
+        assert len(labelled) == count
 
 
 def test_a_hand_of_the_other_side_is_left_out_until_it_is_of_this_side():
