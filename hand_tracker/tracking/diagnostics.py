@@ -248,6 +248,8 @@ class Diagnostics:
         troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
                     if (markers := [self._input.labels.names[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
+        if self._input.label_doubt is not None:
+            troubles.append(self._input.label_doubt)
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
 
 

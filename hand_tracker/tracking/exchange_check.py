@@ -16,7 +16,7 @@ from ..core.model.states import SEEN, SWAPPED, PalmState
 from ..core.tracker import HandState
 
 REVIEWED_FRAMES = 100     # that are judged together
-LEAST_STEP = .08        # [s] between two of them: the tracker looks every 0.1 s
+LEAST_STEP = .08        # [s] between two of them: a node's fast path shows a frame every 0.1 s
 # Other labels are named if they are better by so much on average, and in most frames: in 10 s of
 # captures and of simulated motions right labels were never worse by more than 0.1 variances, and
 # exchanged neighbours by 2 at least. Ours.

@@ -128,6 +128,8 @@ class InputMonitor:
     ----------
     bends_away_from : str or None
         Side of a hand from whose palm the fingers bend away.
+    label_doubt : str or None
+        Which labels look exchanged.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,
@@ -150,6 +152,7 @@ class InputMonitor:
         self._stamp = NO_STAMP
         self._standing = 0
         self.bends_away_from: str | None = None
+        self.label_doubt: str | None = None
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
         self._once = OncePerKey()
@@ -226,13 +229,14 @@ class InputMonitor:
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
 
     def exchanged(self, rather: Mapping[int, int]) -> None:
-        """Note which markers are rather others, as of `ExchangeCheck.add`."""
+        """Note which markers are rather others, as of `ExchangeCheck.add`, until noted anew."""
+        names = self.labels.names
+        self.label_doubt = None
         if rather:
-            names = self.labels.names
             places = ', '.join(f'{self._expected([slot])} stays where {names[other]} should be'
                                for slot, other in rather.items())
-            self.warn_once(('exchanged', places),
-                           f'labels look exchanged: {places}; check {self.names.labels}')
+            self.label_doubt = f'labels look exchanged: {places}'
+            self.warn_once(('exchanged', places), f'{self.label_doubt}; check {self.names.labels}')
 
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""

@@ -183,6 +183,7 @@ class Monitor:
             self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
             if self._exchange_check is not None:
                 self._exchange_check.begin()
+            self._input.exchanged({})
         self._input.labels = labels
 
     @property
@@ -258,6 +259,7 @@ class Monitor:
         for published, states in frames.runs:
             self._input.tracked(published, states)
         self._last = frames.state, frames.times[-1]
+        self._check_labels_of_digits(*self._last)
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path,
             frames.runs)
@@ -282,7 +284,6 @@ class Monitor:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         self._flush()
         self._check_side_of_hand()
-        self._check_labels_of_digits()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
@@ -312,9 +313,11 @@ class Monitor:
         if is_other_side is False:
             self._side_check = None
 
-    def _check_labels_of_digits(self) -> None:
-        """Check the labels by the last frame."""
-        if (self._exchange_check is None or self._last is None or self._input.is_wrong
+    def _check_labels_of_digits(self, state: HandState, time: float | None) -> None:
+        """Check the labels by a frame."""
+        if (self._exchange_check is None or self._input.is_wrong
                 or self.label_fault is not None):
             return
-        self._input.exchanged(self._exchange_check.add(*self._last) or {})
+        rather = self._exchange_check.add(state, time)
+        if rather is not None:
+            self._input.exchanged(rather)

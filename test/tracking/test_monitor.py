@@ -210,6 +210,10 @@ def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
     line, = lines
     assert line == ("labels look exchanged: '4' (middle) stays where index should be, '3' (index) "
                     'stays where middle should be; check labels.*')
+    level, text, _ = status(found, now)
+    assert level is Level.WARN and text == f'tracking; {line.removesuffix("; check labels.*")}'
+    found.set_labels(LabelMap(['0', '1', '2', '4', '3', '5', '6', '7']))
+    assert status(found, now)[:2] == (Level.OK, 'tracking')
 
 
 def test_frames_of_a_recording_are_told_of_as_one_by_one():
