@@ -98,7 +98,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 @reporting
 def main(args: list[str] | None = None) -> int:
-    """Track recordings without ROS, and write the angles of every frame."""
+    """Track recordings without ROS, and write the angles of every frame with a hand."""
     options = _parse(args)
     return run_command('hand_tracker track', _track, options)
 

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from textwrap import shorten
 from typing import Any, NamedTuple
@@ -29,9 +29,6 @@ from .tracking_job import ProgressDisplay, ProgressMaker, tracked_hands, tracked
 
 ALREADY_THERE = 'already there'
 REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
-WITHOUT_HAND_FILE = (
-    'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
-    'degrees off until a hand is fitted (hand_tracker calibrate)')
 
 
 class TrackedFile(NamedTuple):
@@ -54,6 +51,8 @@ class TrackedFile(NamedTuple):
 
     def __str__(self) -> str:
         held = f'{self.held} of them show no palm, ' if self.held else ''
+        if self.tracked < self.read and PurePath(str(self.output)).suffix in OUTPUT_KINDS:
+            held += 'the others are not written, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {held}'
                 f'{self.rate:.0f} a second')
 
@@ -92,8 +91,6 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     else:
         with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
               interrupted.only_noted()):
-            if options.hand is None and job.needs_hand_file:
-                job.say(WITHOUT_HAND_FILE)
             if output.suffix in OUTPUT_KINDS:
                 save(output, frames, f'{hand.side}_', options.wrist)
             else:

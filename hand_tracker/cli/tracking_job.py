@@ -32,6 +32,9 @@ from .recording_options import recorded_hands, recorded_reading
 
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
+WITHOUT_HAND_FILE = (
+    'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
+    'degrees off until a hand is fitted (hand_tracker calibrate)')
 PALM_SEEN = (PalmState.TRACKED, PalmState.CARRIED)
 # Returns what shows the progress of a number of pieces of a name.
 ProgressMaker = Callable[[int, str], 'ProgressDisplay']
@@ -113,11 +116,13 @@ class TrackingJob:
         """Yield the tracked frames of several hands, by their names."""
         self._trackers = {name: tracker for name, (tracker, _) in hands.items()}
         point_labels = PointLabels()
-        names = FILE_OPTION_NAMES if isinstance(self._bag, PointBag) else BAG_OPTION_NAMES
+        names, source = BAG_OPTION_NAMES, self._topic
+        if isinstance(self._bag, PointBag):
+            names, source = FILE_OPTION_NAMES, self._bag.path.name
         self._has_labels = all(reading.has_labels for _, reading in hands.values())
         recorded = {}
         for name, (tracker, reading) in hands.items():
-            monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
+            monitor = Monitor(1e-9 * self._bag.start, source, reading.labels, names)
             self._monitors[name] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
             if not reading.has_labels and (
@@ -253,6 +258,8 @@ def _opened_job(options: argparse.Namespace, interrupted: Interruptions, progres
                           worn[0].layout)
         for note in bag.notes:
             job.say(note)
+        if options.hand is None and job.needs_hand_file:
+            job.say(WITHOUT_HAND_FILE)
         yield job, hands
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..core.errors import HandTrackerError
 from ..output_files import folder_beside, require_folder
 
+TIME_COLUMN = 'time_s'   # the first
 WRIST_COLUMNS = ('wrist_x_m', 'wrist_y_m', 'wrist_z_m',
                  'wrist_qx', 'wrist_qy', 'wrist_qz', 'wrist_qw')
 
@@ -48,7 +49,7 @@ def write_angle_table(
     with folder_beside(path, TableError) as scratch:
         unfinished = scratch / path.name
         with open(unfinished, 'w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerow(['time_s', *(f'{joint}_deg' for joint in joints), *poses])
+            csv.writer(file).writerow([TIME_COLUMN, *(f'{joint}_deg' for joint in joints), *poses])
             line = ','.join(
                 ['%.6f', *['%.3f'] * len(joints), *['%.6f'] * len(poses)]) + '\r\n'
             for seconds, angles, pose in rows:

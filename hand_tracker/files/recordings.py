@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from functools import partial
 from os import PathLike
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..output_files import require_folder, write_whole
+from .angle_table import TIME_COLUMN
 from .bag_points import BAG_FORMAT, read_bag_points, write_bag_points
 from .bags import BAG_CONTENTS, STORAGE
 from .bvh_file import BVH_START, read_bvh
@@ -167,6 +169,11 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
         head = file.read(HEAD_BYTES)
     if not head:
         raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
+    if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise RecordingError(f'{path}: a text of UTF-16; expected one of UTF-8')
+    if head.startswith(TIME_COLUMN.encode()):
+        raise RecordingError(f'{path}: angles of joints, as `track` writes them; expected the '
+                             'recording that they were found in')
     found = next((one for one in FORMATS if one.is_like(head)), None) or _by_name(path)
     if found is MOTIVE_CSV and not found.is_like(head):
         raise RecordingError(f'{path}: a CSV file that begins neither with {MOTIVE_START!r}, as of '

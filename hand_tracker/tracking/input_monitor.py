@@ -425,8 +425,8 @@ class InputMonitor:
     def _expected(self, slots: Iterable[int] | np.ndarray) -> str:
         labels, names = self.labels.labels, self.labels.names
         # Markers that are not worn have no label.
-        return ', '.join(f"'{labels[slot]}' ({names[slot]})" if labels[slot] else names[slot]
-                         for slot in slots)
+        return ', '.join(self.names.marker.format(label=labels[slot], name=names[slot])
+                         if labels[slot] else names[slot] for slot in slots)
 
     def _judge_fit(self, least: float) -> None:
         miss = self._fit.mean(least)

@@ -23,6 +23,8 @@ class SettingNames(NamedTuple):
         That of the hand file.
     frame : str
         That of the frame of the markers.
+    marker : str
+        How a marker is told of, by its {label} in the messages and its {name}.
     """
 
     scale: str
@@ -31,6 +33,7 @@ class SettingNames(NamedTuple):
     side: str
     hand: str
     frame: str
+    marker: str = "'{label}' ({name})"
 
 
 PARAMETER_NAMES = SettingNames(
@@ -41,7 +44,7 @@ BAG_OPTION_NAMES = SettingNames(
     '--unit-scale (1 for metres, 0.001 for millimetres)', '--label', '--label {}=NAMESPACE/ID',
     '--side {}', '--hand', '--frame')
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
-    scale='--units', labels='--markers', label='--markers {}=LABEL')
+    scale='--units', labels='--markers', label='--markers {}=LABEL', marker='{name}')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
                             r'|(units|up|side|handed|layout|markers|frame-rate|subject)'

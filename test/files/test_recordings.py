@@ -326,12 +326,21 @@ def test_a_last_line_without_an_end_is_read_and_doubted_where_it_may_be_cut(
     ('a.csv', 'Trajectories\n100\nx\ny\n', r'no line Frame, Sub Frame'),
     ('a.bvh', 'HIERARCHY\nROOT a\n{\nOFFSET 0 0\n', r'line 4: OFFSET 0 0; expected three'),
     ('a.bvh', 'HIERARCHY\nROOT a\n{\n}\nMOTION\n', r'hierarchy that is not whole'),
+    ('a.csv', 'a,b\n1,2\n', r'begins neither with'),
+    ('a.csv', 'time_s,right_index_pip_flexion_deg\r\n0.0,1.0\r\n', r'angles of joints, as `track`'),
     ('a.txt', 'hello', r'no known format; expected C3D'),
     ('a.c3d', '', r'has no bytes'),
 ])
 def test_what_is_no_recording_is_named(tmp_path, name, text, message):
     with pytest.raises(RecordingError, match=message):
         read_recording(text_file(tmp_path, text, name))
+
+
+def test_a_text_of_another_encoding_is_named(tmp_path):
+    path = tmp_path / 'take.csv'
+    path.write_text('Format Version,1.23\n', encoding='utf-16')
+    with pytest.raises(RecordingError, match='a text of UTF-16; expected one of UTF-8'):
+        read_recording(path)
 
 
 def test_hostile_headers_ask_for_no_memory(tmp_path, monkeypatch):

@@ -662,6 +662,20 @@ def test_a_rate_that_no_file_says_is_assumed_and_given(tmp_path, capsys):
     assert angles(out)[-1, 0] == pytest.approx(239 / 60.)
 
 
+def test_what_a_file_lacks_is_named_as_in_the_file(tmp_path, capsys):
+    recording, path = hand_recording(900), tmp_path / 'take.c3d'
+    recording.points[:, 7] = np.nan      # the thumb
+    recording.points[200:800] = np.nan
+    write_recording(path, recording)
+    assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv')]) == 0
+    said = capsys.readouterr()
+    assert '300 of 900 frames tracked, the others are not written' in said.out
+    assert 'never seen so far: thumb; ' in said.err
+    assert 'on take.c3d have held no marker of the hand' in said.err
+    assert "'7'" not in said.err and '/markers' not in said.err
+    assert 'no hand file: markers count as at the joints' in said.err
+
+
 def test_a_hand_that_is_left_out_is_told_of(tmp_path, capsys):
     path, out = tmp_path / 'take.c3d', str(tmp_path / 'angles.csv')
     write_recording(path, both_hands())
