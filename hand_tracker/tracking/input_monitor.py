@@ -288,6 +288,8 @@ class InputMonitor:
             if not self._has_received and now - self._start < START_UP and (
                     who is None or who.startswith(UNDISCOVERED) or who.endswith(SENDS_NOTHING)):
                 situation = None
+        if situation is PalmState.WAITING and self._fault is not None:
+            situation = None    # what is wrong with the palm is said already
         if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED
             # A source that has ended is no fault: a recording was played, say.
@@ -378,8 +380,8 @@ class InputMonitor:
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
-        return (f'{self._palm_fault(situation)}; since {now - self._since:.1f} s, the last pose is '
-                'kept')
+        kept = f'; since {now - self._since:.1f} s, the last pose is kept'
+        return self._palm_fault(situation) + (kept if self._started is not None else '')
 
     def _palm_fault(self, palm: PalmState) -> str:
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)

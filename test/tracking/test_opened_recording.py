@@ -676,6 +676,16 @@ def test_what_a_file_lacks_is_named_as_in_the_file(tmp_path, capsys):
     assert 'no hand file: markers count as at the joints' in said.err
 
 
+def test_a_palm_of_another_size_is_said_once_though_markers_come_and_go(tmp_path, capsys):
+    recording, path = hand_recording(600), tmp_path / 'take.npz'
+    recording.points[150:300, 1] = np.nan
+    write_recording(path, recording._replace(points=4. * recording.points))
+    assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv')]) == 1
+    said = capsys.readouterr().err
+    assert said.count('the palm markers are too far apart for this hand') == 2     # and at the end
+    assert 'waiting for the palm' not in said and 'the last pose is kept' not in said
+
+
 def test_a_hand_that_is_left_out_is_told_of(tmp_path, capsys):
     path, out = tmp_path / 'take.c3d', str(tmp_path / 'angles.csv')
     write_recording(path, both_hands())
