@@ -5,6 +5,7 @@ The two paths are one but for a turn of the worlds, a unit, and how the systems 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -330,6 +331,7 @@ def _fitted(body: _Motion, hand: CubicSpline, line: tuple[float, float],
         changes = sliding_window_view(samples, len(filtering), axis=0) @ filtering[::-1]
         return changes - changes.mean(axis=0)
 
+    @lru_cache(maxsize=2)  # of the derivatives most are by the turn and the gain
     def hand_path(at: float, stretch: float) -> np.ndarray:
         return hand(np.clip(middle + (body_times - at_middle - at)
                             / (1. + line[1] + stretch / duration), *ends))
@@ -340,7 +342,8 @@ def _fitted(body: _Motion, hand: CubicSpline, line: tuple[float, float],
     def model(variables: np.ndarray) -> np.ndarray:
         at, *turn, gain = variables[:5]
         stretch = variables[5] if fits_drift else 0.
-        return mirror * gain * Rotation.from_rotvec(turn).apply(hand_path(at, stretch))
+        return hand_path(at, stretch) @ (
+            mirror * gain * Rotation.from_rotvec(turn).as_matrix().T)
 
     def differences(variables: np.ndarray, own: np.ndarray, level: float) -> np.ndarray:
         return ((whitened(model(variables)) - own) / level).ravel()
