@@ -69,8 +69,8 @@ class ExchangeCheck:
         if (time is None or self._principal.min() < 0 or state.palm is not PalmState.TRACKED
                 or self._last is not None and 0. <= time - self._last < LEAST_STEP):
             return None
-        seen = np.isin(state.marker_states[self._principal], (SEEN, SWAPPED))
-        if not seen.all():
+        states = state.marker_states[self._principal]
+        if not ((states == SEEN) | (states == SWAPPED)).all():
             return None
         self._last = time
         markers = state.markers[self._principal]
@@ -80,7 +80,7 @@ class ExchangeCheck:
                                self._typical)
         gain = costs[0] - costs
         self._count += 1
-        self._gain += np.clip(gain, -MOST_GAIN, MOST_GAIN)
+        self._gain += np.minimum(np.maximum(gain, -MOST_GAIN), MOST_GAIN)
         self._better += gain > 0.
         return self._judge() if self._count == REVIEWED_FRAMES else None
 
@@ -99,4 +99,5 @@ class ExchangeCheck:
 
 def _palm_size(palm: np.ndarray) -> float:
     """Return the mean side of the palm's triangle, of markers of shape (3, 3) [m]."""
-    return float(np.linalg.norm(palm - np.roll(palm, 1, axis=0), axis=1).mean())
+    sides = palm - palm[[1, 2, 0]]
+    return float(np.sqrt((sides * sides).sum(axis=1)).sum()) / 3.
