@@ -50,10 +50,10 @@ class TrackedFile(NamedTuple):
     rate: float
 
     def __str__(self) -> str:
-        held = f'{self.held} of them show no palm, ' if self.held else ''
+        remarks = f'{self.held} of them show no palm, ' if self.held else ''
         if self.tracked < self.read and PurePath(str(self.output)).suffix in OUTPUT_KINDS:
-            held += 'the others are not written, '
-        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {held}'
+            remarks += 'the others are not written, '
+        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
                 f'{self.rate:.0f} a second')
 
 

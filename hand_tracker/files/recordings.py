@@ -171,7 +171,7 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
         raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
     if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         raise RecordingError(f'{path}: a text of UTF-16; expected one of UTF-8')
-    if head.startswith(TIME_COLUMN.encode()):
+    if _starts(f'{TIME_COLUMN},')(head):
         raise RecordingError(f'{path}: angles of joints, as `track` writes them; expected the '
                              'recording that they were found in')
     found = next((one for one in FORMATS if one.is_like(head)), None) or _by_name(path)

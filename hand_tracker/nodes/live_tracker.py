@@ -110,12 +110,11 @@ class LiveTracker:
         self._set = self._node.create_client(
             SetParametersAtomically, f'{self._tracker}/set_parameters_atomically')
         say(f'Waiting for the tracker {self._tracker}')
-        polls = 0
+        polls, hint = 0, ''
         while not self._get.wait_for_service(SERVICE_POLL):
             polls += 1
-            if polls == POLLS_BEFORE_HINT and (others := self._trackers()):
-                say(f'Waiting for the tracker {self._tracker}, which is not there; there is '
-                    f'{", ".join(others)} (--ros-args -p tracker:={others[0]})')
+            if not hint and polls >= POLLS_BEFORE_HINT and (hint := self._hint_at_others()):
+                say(f'Waiting for the tracker {self._tracker}, which is not there; {hint}')
         start = self._values(row.name for row in START)
         topics = SHARED
         if start['side'] == BOTH:
@@ -160,11 +159,17 @@ class LiveTracker:
             self.beside.prepare(say)
         say('Waiting for the hand: markers come in, and the palm is seen?')
 
-    def _trackers(self) -> list[str]:
-        """Return the names of the trackers that are there, by a service that each has."""
-        return sorted({TRACKER_SERVICE.sub('', name)
-                       for name, _ in self._node.get_service_names_and_types()
-                       if TRACKER_SERVICE.search(name)})
+    def _hint_at_others(self) -> str:
+        """Name the trackers that are there, by a service that each has; empty where none is."""
+        hints = []
+        for path in sorted({TRACKER_SERVICE.sub('', name)
+                            for name, _ in self._node.get_service_names_and_types()
+                            if TRACKER_SERVICE.search(name)}):
+            namespace, _, name = path.rpartition('/')
+            moved = '' if (namespace or '/') == self._node.get_namespace() else (
+                f'-r __ns:={namespace or "/"} ')
+            hints.append(f'there is {path} (--ros-args {moved}-p tracker:={name})')
+        return ', '.join(hints)
 
     def _take_hand(self, hand: Hand, layout: MarkerLayout) -> None:
         """Show another hand."""

@@ -478,11 +478,11 @@ class RetargetNode(SubscriptionHidingNode):
         self._warn_of_shared_topic()
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         refused = self._teleoperation.refused_jumps
+        new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'
-        if refused > self._known_jumps:
-            text += f'; {refused - self._known_jumps} jumps of the hand refused'
-        is_fine = guard.is_following and not self._wrist_fault and refused == self._known_jumps
-        self._known_jumps = refused
+        if new_jumps:
+            text += f'; jumps of the hand refused: {new_jumps}'
+        is_fine = guard.is_following and not self._wrist_fault and not new_jumps
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
         status = Status(level, text, {
             'state': guard.state.value, 'refused jumps': str(refused),

@@ -27,6 +27,7 @@ from ..messages.points import PointReader
 from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
+from ..tracking.exchange_check import ExchangeCheck
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
@@ -134,8 +135,7 @@ class TrackedHand:
         self._monitor.check_side(self.hand, self._tracker.layout)
         if self.labels_points:
             self._warn_of_usual_shape()
-        else:
-            self._monitor.check_labels(self.hand, self._tracker.layout)
+        self._check_labels()
 
     # Frames
 
@@ -193,12 +193,19 @@ class TrackedHand:
 
     def _label_points(self, reason: str) -> None:
         """Label points by the hand's shape from the next message on."""
-        self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of the '
-                                "hand, as with labels:='none', until other labels.* are set")
+        self._monitor.warn_once(
+            ('labels', self.settings.labels.labels), f'{reason}: points are labelled by the shape '
+            "of the hand, as with labels:='none', until other labels.* are set")
         self.labels_points = True
         self._warn_of_usual_shape()
+        self._check_labels()
         self.stream.reader = self._new_reader()
         self._node.disable_fast_path()
+
+    def _check_labels(self) -> None:
+        """Check the labels of the markers in the frames to come, where they have any."""
+        self._monitor.check_labels(None if self.labels_points else ExchangeCheck(
+            self._tracker.hand, self._tracker.layout))
 
     def _warn_of_usual_shape(self) -> None:
         warning = usual_shape_warning(self.hand, self._tracker.layout)
@@ -279,14 +286,15 @@ class TrackedHand:
         former, self.settings = self.settings, self._settings_of(hand, self._values())
         if layout is not None:
             self.stream.replace_hand(self.settings.hand, layout, self.settings.options)
-            if not self.labels_points:
-                self._monitor.check_labels(hand, layout)
         elif not tracks_alike(former, self.settings):
             # It derives all that it tracks with anew: several frames long.
             self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
         has_other_labels = former.labels.labels != self.settings.labels.labels
-        if has_other_labels:
+        if has_other_labels and self.labels_points != self._starts_without_labels:
             self.labels_points = self._starts_without_labels
+            self._node.get_logger().info('the labels of the markers are used again')
+        if has_other_labels or layout is not None:
+            self._check_labels()
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)
         if has_other_labels or former.unit_scale != self.settings.unit_scale:

@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.optimize import OptimizeResult, least_squares
@@ -328,7 +327,10 @@ def _fitted(body: _Motion, hand: CubicSpline, line: tuple[float, float],
     filtering = np.ones(1)
 
     def whitened(samples: np.ndarray) -> np.ndarray:
-        changes = sliding_window_view(samples, len(filtering), axis=0) @ filtering[::-1]
+        last = len(filtering) - 1
+        changes = np.zeros((len(samples) - last, samples.shape[1]))
+        for k, share in enumerate(filtering):
+            changes += share * samples[last - k:len(samples) - k]
         return changes - changes.mean(axis=0)
 
     @lru_cache(maxsize=2)  # of the derivatives most are by the turn and the gain

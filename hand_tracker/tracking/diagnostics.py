@@ -216,7 +216,7 @@ class Diagnostics:
                   **self.calibration, 'mean residual [mm]': '',
                   **_latency_values(self._last_latency)}
         # What was so before the markers ended is not so now.
-        before = 'last ' if self._input.situation(now) == 'silent' else ''
+        before = 'last ' if self._input.situation(now) in ('silent', 'unlabelled') else ''
         if state is not None:
             values['palm'] = before + _words(state.palm)
             values['mean residual [mm]'] = _number(1e3 * mean_residual(state.residuals), 2)

@@ -6,6 +6,8 @@ the labels; over seconds of motion they do not.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..core.labelling.plausibility import permuted_costs, typical_places
@@ -15,8 +17,9 @@ from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
 from ..core.model.states import SEEN, SWAPPED, PalmState
 from ..core.tracker import HandState
 
-REVIEWED_FRAMES = 100     # that are judged together
+REVIEWED_FRAMES = 100   # that are judged together
 LEAST_STEP = .08        # [s] between two of them: a node's fast path shows a frame every 0.1 s
+LEAST_MOVE = .003       # [m] of a digit between two of them: a pose that is held is but one
 # Other labels are named if they are better by so much on average, and in most frames: in 10 s of
 # captures and of simulated motions right labels were never worse by more than 0.1 variances, and
 # exchanged neighbours by 2 at least. Ours.
@@ -41,11 +44,15 @@ class ExchangeCheck:
         self._palm_size = _palm_size(self._typical.template)
         self._mirror = 1. if hand.side == 'right' else LEFT_HAND_MIRROR
         self._principal = np.array(layout.principal)
-        self._last: float | None = None
+        self._has_all = -1 not in layout.principal
         self.begin()
 
     def begin(self) -> None:
         """Forget the frames noted so far."""
+        self._last, self._places = -math.inf, np.full((5, 3), math.inf)   # of the last one noted
+        self._begin_review()
+
+    def _begin_review(self) -> None:
         self._count = 0
         self._gain = np.zeros(len(DIGIT_PERMUTATIONS))
         self._better = np.zeros(len(DIGIT_PERMUTATIONS), dtype=int)
@@ -63,19 +70,21 @@ class ExchangeCheck:
         Returns
         -------
         dict of int to int, or None
-            Row of each marker, and of the one that it rather is; empty where the labels are as
-            good as any; None before enough frames have come.
+            Row of each marker, and of the one that it rather is; empty where the labels are the
+            best; None where that is not clear, or not enough frames have come.
         """
-        if (time is None or self._principal.min() < 0 or state.palm is not PalmState.TRACKED
-                or self._last is not None and 0. <= time - self._last < LEAST_STEP):
+        if (time is None or not math.isfinite(time) or 0. <= time - self._last < LEAST_STEP
+                or not self._has_all or state.palm is not PalmState.TRACKED):
             return None
         states = state.marker_states[self._principal]
         if not ((states == SEEN) | (states == SWAPPED)).all():
             return None
-        self._last = time
         markers = state.markers[self._principal]
         palm, digits = markers[:len(PALM_MARKERS)], markers[len(PALM_MARKERS):]
         places = (digits - state.wrist_position) @ state.wrist_rotation * self._mirror
+        if not np.abs(places - self._places).max() >= LEAST_MOVE:
+            return None
+        self._last, self._places = time, places
         costs = permuted_costs(places * (self._palm_size / _palm_size(palm)), DIGIT_PERMUTATIONS,
                                self._typical)
         gain = costs[0] - costs
@@ -84,14 +93,15 @@ class ExchangeCheck:
         self._better += gain > 0.
         return self._judge() if self._count == REVIEWED_FRAMES else None
 
-    def _judge(self) -> dict[int, int]:
+    def _judge(self) -> dict[int, int] | None:
         """Return the verdict on the frames noted, and begin anew."""
-        good = self._better >= BETTER_SHARE * self._count
-        gains = np.where(good, self._gain / self._count, 0.)
-        best = int(gains.argmax())
-        self.begin()
-        if gains[best] < LEAST_GAIN:
+        gains, is_clear = self._gain / self._count, self._better >= BETTER_SHARE * self._count
+        self._begin_review()
+        if not (gains > 0.).any():
             return {}
+        best = int(np.where(is_clear, gains, 0.).argmax())
+        if gains[best] < LEAST_GAIN:
+            return None
         digits = self._principal[len(PALM_MARKERS):].tolist()
         return {digits[row]: digits[digit] for digit, row in enumerate(DIGIT_PERMUTATIONS[best])
                 if row != digit}

@@ -245,6 +245,7 @@ class InputMonitor:
 
     def restarted(self) -> None:
         """Note that time jumped back."""
+        self._fault = None
         self.warn_once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
                   'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
                   'old ones')

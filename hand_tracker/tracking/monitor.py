@@ -173,17 +173,16 @@ class Monitor:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
 
-    def check_labels(self, hand: Hand, layout: MarkerLayout) -> None:
-        """Check in the frames to come whether labels of digits are exchanged."""
-        self._exchange_check = ExchangeCheck(hand, layout)
+    def check_labels(self, check: ExchangeCheck | None) -> None:
+        """Check in the frames to come whether labels of digits are exchanged; None for no check."""
+        self._exchange_check = check
+        self._input.exchanged({})
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
         if labels.labels != self._input.labels.labels:
             self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
-            if self._exchange_check is not None:
-                self._exchange_check.begin()
-            self._input.exchanged({})
+            self._begin_label_check()
         self._input.labels = labels
 
     @property
@@ -256,6 +255,7 @@ class Monitor:
                 frames.markers, frames.received[-1])
         if frames.restarted:
             self._input.restarted()
+            self._begin_label_check()
         for published, states in frames.runs:
             self._input.tracked(published, states)
         self._last = frames.state, frames.times[-1]
@@ -313,10 +313,15 @@ class Monitor:
         if is_other_side is False:
             self._side_check = None
 
+    def _begin_label_check(self) -> None:
+        """Check the labels anew, as if no frame had come yet."""
+        if self._exchange_check is not None:
+            self._exchange_check.begin()
+        self._input.exchanged({})
+
     def _check_labels_of_digits(self, state: HandState, time: float | None) -> None:
         """Check the labels by a frame."""
-        if (self._exchange_check is None or self._input.is_wrong
-                or self.label_fault is not None):
+        if self._exchange_check is None or self._input.is_wrong:
             return
         rather = self._exchange_check.add(state, time)
         if rather is not None:

@@ -30,6 +30,7 @@ from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
+from .exchange_check import ExchangeCheck
 from .monitor import Monitor
 from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
@@ -196,7 +197,7 @@ class RecordedHand:
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
             if reading.has_labels:
-                monitor.check_labels(tracker.hand, tracker.layout)
+                monitor.check_labels(ExchangeCheck(tracker.hand, tracker.layout))
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

@@ -49,6 +49,7 @@ def test_points_without_any_label_are_labelled_by_the_shape_of_the_hand_and_that
         assert bench.set({f'labels.{name}': str(i) for i, name in enumerate(MARKERS)}).successful
         for _ in range(3):
             bench.answer(hand_at())
+        bench.process.wait_for_line('the labels of the markers are used again')
         count = len(labelled)
         for _ in range(10):
             bench.answer(hand_at())

@@ -135,10 +135,11 @@ def test_an_arm_may_share_the_topic_of_the_hand(robot):
         # Another hand on it, in another pose, moves nothing, and the status says so.
         statuses = node.collect(DiagnosticArray, '/diagnostics')
         fist = pose_angles('fist', bench.hand)
+        # Between two frames of the hand, by the stamps.
         node.create_timer(PERIOD, lambda: publisher.publish(joint_state(
-            bench.stamps[-1], bench.names.joints, fist)))
+            Time(sec=bench.stamps[-1].sec, nanosec=10**9 // 2), bench.names.joints, fist)))
         node.spin_until(lambda: any(
-            status.level > DiagnosticStatus.OK and 'jumps of the hand refused' in status.message
+            status.level > DiagnosticStatus.OK and 'jumps of the hand refused: ' in status.message
             for message in statuses for status in message.status))
         arm.destroy_node()
         assert process.interrupt() == 0, process.output

@@ -110,7 +110,8 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             live.constrain(live.constraints - {'Rigidity'})
             later = LiveTracker(node)
             wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
-            with pytest.raises(ValueError, match='there is /hand_tracker .*tracker:=/hand_tracker'):
+            hint = r'there is /hand_tracker \(--ros-args -p tracker:=hand_tracker\)$'
+            with pytest.raises(ValueError, match=hint):
                 LiveTracker(node, 'wrong').prepare(refuse_others)
     finally:
         node.destroy_node()

@@ -12,6 +12,7 @@ from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
+from hand_tracker.tracking.exchange_check import ExchangeCheck
 from hand_tracker.tracking.input_monitor import OFF_HAND_DISTANCE, SILENT_AFTER
 from hand_tracker.tracking.monitor import AlikeFrames, Monitor, TrackedFrames
 from hand_tracker.tracking.rate_limit import KEYS_LOGGED
@@ -199,21 +200,40 @@ def test_a_hand_of_the_other_side_is_wrong_until_it_is_of_this_side():
 def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
     hand = Hand.scaled()
     found, tracker = monitor(), HandTracker(hand)
-    found.check_labels(hand, tracker.layout)
-    lines = []
-    for number in range(320):
-        now = .1 * number
-        frame = hand_at(hand.relaxed() * (1. + .5 * np.sin(now)))
+    found.check_labels(ExchangeCheck(hand, tracker.layout))
+    lines, states = [], []
+    for number in range(400):
+        frame = hand_at(hand.relaxed() * (1. + .5 * np.sin(number)))
         frame[[3, 4]] = frame[[4, 3]]
-        found.update(batch([now], (now, tracker.update(frame, now))))
-        lines += [line for line in logged(found, now) if 'exchanged' in line]
+        states.append(tracker.update(frame, .1 * number))
+
+    def look(begin):
+        for now, state in zip(begin + .1 * np.arange(400), states):
+            found.update(batch([now], (now, state)))
+            lines.extend(line for line in logged(found, now) if 'exchanged' in line)
+        return status(found, now)[:2]
+
+    level, text = look(0.)
     line, = lines
     assert line == ("labels look exchanged: '4' (middle) stays where index should be, '3' (index) "
                     'stays where middle should be; check labels.*')
-    level, text, _ = status(found, now)
     assert level is Level.WARN and text == f'tracking; {line.removesuffix("; check labels.*")}'
+    fine = Level.OK, 'tracking'
+    found.update(single(40., states[-1], restarted=True))
+    assert status(found, 40.)[:2] == fine and look(41.)[0] is Level.WARN
     found.set_labels(LabelMap(['0', '1', '2', '4', '3', '5', '6', '7']))
-    assert status(found, now)[:2] == (Level.OK, 'tracking')
+    assert status(found, 81.)[:2] == fine and look(82.)[0] is Level.WARN
+    found.check_labels(None)
+    assert status(found, 122.)[:2] == fine == look(122.)
+
+
+def test_what_is_wrong_with_the_palm_is_forgotten_where_another_recording_begins():
+    found = monitor()
+    found.update(single(.1, state_of(PalmState.TRACKED)))
+    found.update(single(.2, state_of(PalmState.LOST)))
+    found.log_lines(.2, str)
+    found.update(single(20., state_of(PalmState.WAITING), restarted=True))
+    assert any(line.startswith('waiting for the palm') for line in logged(found, 20.))
 
 
 def test_frames_of_a_recording_are_told_of_as_one_by_one():

@@ -662,7 +662,7 @@ def test_a_rate_that_no_file_says_is_assumed_and_given(tmp_path, capsys):
     assert angles(out)[-1, 0] == pytest.approx(239 / 60.)
 
 
-def test_what_a_file_lacks_is_named_as_in_the_file(tmp_path, capsys):
+def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
     recording, path = hand_recording(900), tmp_path / 'take.c3d'
     recording.points[:, 7] = np.nan      # the thumb
     recording.points[200:800] = np.nan
