@@ -19,7 +19,7 @@ from ..core.tracker import HandState
 
 REVIEWED_FRAMES = 100   # that are judged together
 LEAST_STEP = .08        # [s] between two of them: a node's fast path shows a frame every 0.1 s
-LEAST_MOVE = .003       # [m] of a digit between two of them: a pose that is held is but one
+LEAST_MOVE = .002       # [m] of a digit between two of them: a pose that is held is but one
 # Other labels are named if they are better by so much on average, and in most frames: in 10 s of
 # captures and of simulated motions right labels were never worse by more than 0.1 variances, and
 # exchanged neighbours by 2 at least. Ours.
@@ -41,7 +41,7 @@ class ExchangeCheck:
     def __init__(self, hand: Hand, layout: MarkerLayout) -> None:
         right = hand.as_right()
         self._typical = typical_places(right, layout.principal_mounting(right))
-        self._palm_size = _palm_size(self._typical.template)
+        self._palm_variance = self._typical.template.var(axis=0).sum()
         self._mirror = 1. if hand.side == 'right' else LEFT_HAND_MIRROR
         self._principal = np.array(layout.principal)
         self._has_all = -1 not in layout.principal
@@ -85,8 +85,8 @@ class ExchangeCheck:
         if not np.abs(places - self._places).max() >= LEAST_MOVE:
             return None
         self._last, self._places = time, places
-        costs = permuted_costs(places * (self._palm_size / _palm_size(palm)), DIGIT_PERMUTATIONS,
-                               self._typical)
+        size = math.sqrt(palm.var(axis=0).sum() / self._palm_variance)
+        costs = permuted_costs(places / size, DIGIT_PERMUTATIONS, self._typical)
         gain = costs[0] - costs
         self._count += 1
         self._gain += np.minimum(np.maximum(gain, -MOST_GAIN), MOST_GAIN)
@@ -105,9 +105,3 @@ class ExchangeCheck:
         digits = self._principal[len(PALM_MARKERS):].tolist()
         return {digits[row]: digits[digit] for digit, row in enumerate(DIGIT_PERMUTATIONS[best])
                 if row != digit}
-
-
-def _palm_size(palm: np.ndarray) -> float:
-    """Return the mean side of the palm's triangle, of markers of shape (3, 3) [m]."""
-    sides = palm - palm[[1, 2, 0]]
-    return float(np.sqrt((sides * sides).sum(axis=1)).sum()) / 3.

@@ -224,6 +224,7 @@ class Monitor:
         is_alike = not self._input.is_wrong and self._alike.add(frame, published)
         if not is_alike or self._alike.duration >= ALIKE_TIME:
             self._flush()
+            self._check_labels_of_digits()  # more often than lines are asked for
         if not is_alike:
             self.update(TrackedFrames.of(frame, published))
 
@@ -259,7 +260,6 @@ class Monitor:
         for published, states in frames.runs:
             self._input.tracked(published, states)
         self._last = frames.state, frames.times[-1]
-        self._check_labels_of_digits(*self._last)
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path,
             frames.runs)
@@ -284,6 +284,7 @@ class Monitor:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         self._flush()
         self._check_side_of_hand()
+        self._check_labels_of_digits()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
@@ -313,16 +314,16 @@ class Monitor:
         if is_other_side is False:
             self._side_check = None
 
+    def _check_labels_of_digits(self) -> None:
+        """Check the labels by the last frame."""
+        if self._exchange_check is None or self._last is None or self._input.is_wrong:
+            return
+        rather = self._exchange_check.add(*self._last)
+        if rather is not None:
+            self._input.exchanged(rather)
+
     def _begin_label_check(self) -> None:
         """Check the labels anew, as if no frame had come yet."""
         if self._exchange_check is not None:
             self._exchange_check.begin()
         self._input.exchanged({})
-
-    def _check_labels_of_digits(self, state: HandState, time: float | None) -> None:
-        """Check the labels by a frame."""
-        if self._exchange_check is None or self._input.is_wrong:
-            return
-        rather = self._exchange_check.add(state, time)
-        if rather is not None:
-            self._input.exchanged(rather)
