@@ -52,7 +52,7 @@ from .tracker_parameters import (
 )
 
 SERVICE_POLL = .1    # [s]
-POLLS_BEFORE_HINT = 50   # without the tracker, before others are named
+HINT_AFTER = 5.      # [s] without the tracker, before others are named
 TRACKER_SERVICE = re.compile(f'(/({"|".join(SIDES)}))?/load_hand$')
 ANSWER = 1.          # [s] after which the tracker is asked again
 CALIBRATE_NODE = 'calibrate'  # beside the tracker
@@ -110,11 +110,13 @@ class LiveTracker:
         self._set = self._node.create_client(
             SetParametersAtomically, f'{self._tracker}/set_parameters_atomically')
         say(f'Waiting for the tracker {self._tracker}')
-        polls, hint = 0, ''
+        begun, hint = time.monotonic(), ''
         while not self._get.wait_for_service(SERVICE_POLL):
-            polls += 1
-            if not hint and polls >= POLLS_BEFORE_HINT and (hint := self._hint_at_others()):
-                say(f'Waiting for the tracker {self._tracker}, which is not there; {hint}')
+            if not hint and time.monotonic() - begun >= HINT_AFTER and (
+                    hint := self._hint_at_others()):
+                line = f'Waiting for the tracker {self._tracker}, which is not there; {hint}'
+                self._node.get_logger().warning(line)
+                say(line)
         start = self._values(row.name for row in START)
         topics = SHARED
         if start['side'] == BOTH:
