@@ -290,10 +290,11 @@ class TrackedHand:
             # It derives all that it tracks with anew: several frames long.
             self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
         has_other_labels = former.labels.labels != self.settings.labels.labels
-        if has_other_labels and self.labels_points != self._starts_without_labels:
+        uses_labels_again = has_other_labels and self.labels_points != self._starts_without_labels
+        if uses_labels_again:
             self.labels_points = self._starts_without_labels
             self._node.get_logger().info('the labels of the markers are used again')
-        if has_other_labels or layout is not None:
+        if uses_labels_again or layout is not None:
             self._check_labels()
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)

@@ -14,7 +14,7 @@ from ..core.labelling.plausibility import permuted_costs, typical_places
 from ..core.labelling.readings import DIGIT_PERMUTATIONS
 from ..core.model.hand import LEFT_HAND_MIRROR, Hand
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
-from ..core.model.states import SEEN, SWAPPED, PalmState
+from ..core.model.states import PalmState, are_seen
 from ..core.tracker import HandState
 
 REVIEWED_FRAMES = 100   # that are judged together
@@ -76,8 +76,7 @@ class ExchangeCheck:
         if (time is None or not math.isfinite(time) or 0. <= time - self._last < LEAST_STEP
                 or not self._has_all or state.palm is not PalmState.TRACKED):
             return None
-        states = state.marker_states[self._principal]
-        if not ((states == SEEN) | (states == SWAPPED)).all():
+        if not are_seen(state.marker_states[self._principal]).all():
             return None
         markers = state.markers[self._principal]
         palm, digits = markers[:len(PALM_MARKERS)], markers[len(PALM_MARKERS):]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, OTHER_SIDE
 from ..core.model.marker_layout import PALM_MARKERS
-from ..core.model.states import SEEN, SWAPPED
+from ..core.model.states import are_seen
 from ..core.tracker import HandState
 from .setting_names import BAG_OPTION_NAMES, SettingNames
 
@@ -50,7 +50,7 @@ class SideCheck:
         time : float or None
             Of the frame [s].
         """
-        seen = (state.marker_states == SEEN) | (state.marker_states == SWAPPED)
+        seen = are_seen(state.marker_states)
         return self.add_markers(np.where(seen[:, None], state.markers, np.nan), time)
 
     def add_markers(self, positions: np.ndarray, time: float | None) -> bool | None:

@@ -2,6 +2,8 @@
 
 import enum
 
+import numpy as np
+
 
 class PalmState(enum.IntEnum):
     """State of the palm; from LOST on its pose is predicted, if it was ever seen."""
@@ -46,3 +48,8 @@ ABSENT = int(MarkerState.ABSENT)
 REJECTED = int(MarkerState.REJECTED)
 SWAPPED = int(MarkerState.SWAPPED)
 STALE = int(MarkerState.STALE)
+
+
+def are_seen(states: np.ndarray) -> np.ndarray:
+    """Return which markers were measured, under their own label or another, by their states."""
+    return (states == SEEN) | (states == SWAPPED)
