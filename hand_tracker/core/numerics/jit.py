@@ -260,12 +260,43 @@ def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any
     # that numba adds to raise ZeroDivisionError are a tenth of the code.
     dispatcher = numba.njit(kernel, no_cfunc_wrapper=True, error_model='numpy', **options)
     if cached:
-        from .kernel_cache import KernelCache
-
-        folder = Path(numba.config.CACHE_DIR)
-        dispatcher._cache = KernelCache(
-            kernel, lambda error: report_unkept(_cannot_keep(folder, error)))
+        dispatcher._cache = _kernel_cache(kernel)
     return dispatcher
+
+
+def _kernel_cache(kernel: Callable[..., Any]) -> Any:
+    config: Any = import_module('numba').config
+    from .kernel_cache import KernelCache
+
+    folder = Path(config.CACHE_DIR)
+    return KernelCache(kernel, lambda error: report_unkept(_cannot_keep(folder, error)))
+
+
+def c_callback(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function for C, or loads it from the disk.
+
+    Parameters
+    ----------
+    signature : str
+        In numba's words, such as 'void(voidptr, uintp)'.
+
+    Returns
+    -------
+    callable
+        What it returns has the function's `address`.
+    """
+    def compiled(function: Callable[..., Any]) -> Any:
+        ccallback: Any = import_module('numba.core.ccallback')
+        sigutils: Any = import_module('numba.core.sigutils')
+
+        callback = ccallback.CFunc(function, sigutils.normalize_signature(signature), locals={},
+                                   options={'error_model': 'numpy'})
+        if DEFERRED or CACHE_FOLDER is not None:
+            callback._cache = _kernel_cache(function)
+        callback.compile()
+        return callback
+
+    return compiled
 
 
 def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None,

@@ -1,10 +1,17 @@
-"""Compiled kernels on disk: numba's cache, in one folder that may be full or read-only."""
+"""Compiled kernels on disk: numba's cache, in one folder that may be full or read-only.
+
+Of a loaded kernel no more is prepared than calling it takes: numba would also parse its bitcode and
+import all that compiling needs, a fifth of a node's start.
+"""
 
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from llvmlite.binding import parse_bitcode
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.runtime.nrt import rtsys
 
 GivenFolder: Any = FunctionCache._impl_class._locator_classes[0]
 
@@ -22,10 +29,46 @@ class KernelFolder(GivenFolder):
         return cls(function, file)
 
 
+class LoadedLibrary(JITCodeLibrary):
+    """Machine code of a kernel from the disk; its bitcode is parsed for a kernel that calls it."""
+
+    _bitcode: bytes
+    _shared_module: Any
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, _, (object_code, bitcode) = state
+        library = cls(codegen, name)
+        library.enable_object_caching()
+        library._set_compiled_object(object_code)
+        library._bitcode = bitcode
+        library._finalize_final_module()
+        return library
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None:
+            self._shared_module = parse_bitcode(self._bitcode)
+        return self._shared_module
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return the address of a function of the machine code."""
+        return self._codegen._engine.get_function_address(name)
+
+
 class KernelStorage(FunctionCache._impl_class):
     """Numba's storage of a cached kernel, in `KernelFolder` alone."""
 
     _locator_classes = (KernelFolder,)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Return a kernel from its pickled parts; numba's lock is held."""
+        codegen = target_context.codegen()
+        usual = codegen._library_class
+        codegen._library_class = LoadedLibrary
+        try:
+            return super().rebuild(target_context, payload)
+        finally:
+            codegen._library_class = usual
 
 
 class KernelCache(FunctionCache):
@@ -49,9 +92,12 @@ class KernelCache(FunctionCache):
         """Return the kernel compiled for arguments of these types, None where it is not there."""
         # What unpickles a file that was cut, by a power failure, say, may raise anything.
         with suppress(Exception):
-            compiled = super().load_overload(types, target)
+            rtsys.initialize(target)  # for kernels that allocate
+            compiled = self._load_overload(types, target)
             # An index may name a file of other types, where its own could no longer be written.
-            if compiled is not None and compiled.signature.args == tuple(types):
+            # Those of a callback are a whole signature.
+            wanted = tuple(getattr(types, 'args', types))
+            if compiled is not None and compiled.signature.args == wanted:
                 return compiled
         return None
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from ...core.numerics.jit import CACHE_FOLDER, COMPILED, packed
+from ...core.numerics.jit import COMPILED, c_callback, packed
 from ...messages.joint_states import JointStateReader
 from ...messages.templates import Template
 from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
@@ -219,7 +219,7 @@ def _command_callback(*layouts: np.dtype) -> Any:
 
     of_context, of_memory, of_follow, of_human, of_problem, of_solution, of_guard = layouts
 
-    @numba.cfunc('void(voidptr, uintp)', cache=CACHE_FOLDER is not None, error_model='numpy')
+    @c_callback('void(voidptr, uintp)')
     def on_hand(address: Any, count: Any) -> None:
         context = numba.carray(address, (1,), of_context)[0]
         commands = numba.carray(at(context.memory), (1,), of_memory)

@@ -321,9 +321,10 @@ def _copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
 @jit
 def _matches_signature(memory: FastPathMemory, size: int) -> bool:
     """Return whether the message has the installed signature."""
+    # Of slices the parsers are those that `MarkerReader` has compiled for arrays.
     count, used = parse_points(
         memory.parser[0], memory.message.view(np.uint8), memory.message.view(np.int32),
-        memory.message, size, memory.heads, memory.places, memory.strings)
+        memory.message[:], size, memory.heads[:], memory.places[:], memory.strings[:])
     if count != memory.known[0] or used != memory.known[1]:
         return False
     for i in range(count):
@@ -403,7 +404,7 @@ def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: TrackPacks, sec
     """Track a hand's markers of the message, and fill its parts of the replies."""
     model, chains, options, clock, blank, state, report = packs
     count, rows = hand.marker_count[0], hand.rows[:model[0].rows.used[0]]
-    gather_positions(memory.message, memory.places, hand.slots[:count], hand.markers[:count],
+    gather_positions(memory.message[:], memory.places[:], hand.slots[:count], hand.markers[:count],
                      memory.scale[0], memory.zero_is_missing[0] > 0, rows)
     hand.stamp[0], hand.stamp[1], hand.time[0] = sec, nanosec, stamp_time(sec, nanosec)
     track_frame(model, chains, options, clock, blank, state, report, rows, hand.time[0])

@@ -15,15 +15,7 @@ from rclpy.subscription import Subscription
 
 from ...core.model.marker_layout import MARKERS, MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY
-from ...core.numerics.jit import (
-    CACHE_FOLDER,
-    COMPILED,
-    DEFERRED,
-    empty_like_pack,
-    jit,
-    load_kernel,
-    packed,
-)
+from ...core.numerics.jit import COMPILED, c_callback, empty_like_pack, jit, load_kernel, packed
 from ...core.tracker import HandTracker
 from ...messages.cdr import MessageSignature
 from ...messages.stamps import Stamp, Time
@@ -412,8 +404,7 @@ def _callback(*layouts: np.dtype) -> Any:
     (of_context, of_memory, of_hand, of_model, of_chains, of_options, of_clock, of_blank, of_state,
      of_report) = layouts
 
-    @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
-                 error_model='numpy')
+    @c_callback('void(voidptr, uintp)')
     def on_messages(address: Any, count: Any) -> None:
         contexts = numba.carray(address, (1,), of_context)
         context = contexts[0]

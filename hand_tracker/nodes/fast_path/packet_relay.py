@@ -17,7 +17,7 @@ from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
 from ...adapters.packet_structure import NO_PLACE, POINT_SIZE, PacketOrigin, PacketStructure
-from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
+from ...core.numerics.jit import COMPILED, Pack, c_callback, jit, packed
 from ...messages.cdr import ENCAPSULATION
 from ...messages.templates import Template, fill_template
 from .callback_path import monotonic_ns
@@ -371,8 +371,7 @@ def _receive_callback(of_memory: np.dtype) -> Any:
     """Return the compiled function that receives and relays, for memory of this layout."""
     import numba
 
-    @numba.cfunc('int64(voidptr, int64, int64, int64)', error_model='numpy',
-                 cache=DEFERRED or CACHE_FOLDER is not None)
+    @c_callback('int64(voidptr, int64, int64, int64)')
     def receive(address: Any, sockets: Any, milliseconds: Any, is_stream: Any) -> Any:
         memories = numba.carray(address, (1,), of_memory)
         memory = memories[0]

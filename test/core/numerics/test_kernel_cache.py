@@ -12,7 +12,7 @@ from hand_tracker.core.numerics.jit import COMPILED
 pytestmark = pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
 
 KERNELS = """
-from hand_tracker.core.numerics.jit import jit
+from hand_tracker.core.numerics.jit import c_callback, jit
 
 @jit
 def half(number):
@@ -21,6 +21,13 @@ def half(number):
 @jit
 def quarter(number):
     return half(half(number))
+
+def callback():
+    @c_callback('float64(float64)')
+    def eighth(number):
+        return half(quarter(number))
+
+    return eighth
 """
 # Prints results, how many kernels it compiled, and whether they count as a set on disk.
 CALLS = """
@@ -47,8 +54,8 @@ def run(tmp_path):
     """Return what runs the program with a cache folder: its output, and the lines that it says."""
     (tmp_path / 'small_kernels.py').write_text(KERNELS)
 
-    def run_program(cache, *arguments):
-        done = subprocess.run([sys.executable, '-c', CALLS, *arguments], env={
+    def run_program(cache, *arguments, program=CALLS):
+        done = subprocess.run([sys.executable, '-c', program, *arguments], env={
             **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache),
             # Python, too, would cut what it writes at the limit.
             'PYTHONDONTWRITEBYTECODE': '1', 'PYTHONPATH': os.pathsep.join(
@@ -103,6 +110,25 @@ def test_a_kernel_of_other_types_than_the_index_says_is_not_used(run, tmp_path):
     second.write_bytes(kept)
     assert run(cache) == (f'{RESULTS} 2 True', [])
     assert run(cache) == (f'{RESULTS} 0 True', [])
+
+
+def test_a_kernel_is_compiled_with_those_on_disk_that_it_calls(run, tmp_path):
+    assert run(tmp_path)[0] == f'{RESULTS} 4 True'
+    for path in tmp_path.rglob('*.quarter-*'):
+        path.unlink()
+    assert run(tmp_path) == (f'{RESULTS} 2 True', [])
+
+
+def test_a_callback_is_loaded_from_the_disk(run, tmp_path):
+    program = """
+import ctypes
+from small_kernels import callback
+found = callback()
+function = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(found.address)
+print(function(8.), found.cache_hits)
+"""
+    assert run(tmp_path, program=program) == ('1.0 0', [])
+    assert run(tmp_path, program=program) == ('1.0 1', [])
 
 
 def test_files_that_were_cut_are_made_anew(run, tmp_path):
