@@ -74,6 +74,14 @@ class ReceivedHand:
         """Rows of the three principal markers of the palm."""
         return list(self.layout.principal[:len(PALM_MARKERS)])
 
+    def load_kernels(self) -> None:
+        """Load the kernels of `received_frames`, or compile them where they are not on disk."""
+        rest = marker_positions(
+            self.layout.mounting(self.hand), forward(joint_table(self.hand), np.zeros(25)))
+        palm = rest[self.palm_rows]
+        fit_wrist(palm, palm, np.eye(3), np.zeros(3))
+        fit_rigid(rest, rest, np.ones(len(rest)), np.eye(3), np.zeros(3))
+
     def received_frames(self, recent: float | None = None) -> ReceivedFrames:
         """Return the whole frames of the last so many seconds, or all, with the palm fitted.
 
@@ -88,8 +96,9 @@ class ReceivedHand:
         # Nothing is known of the palm before its markers were all seen.
         rotation, position = np.eye(3), np.full(3, np.nan)
         markers = np.empty((len(stamps), len(self.layout.names), 3))
-        places = marker_positions(
-            self.layout.mounting(self.hand), forward(joint_table(self.hand), angles))
+        # Contiguous, as the kernels that are on disk take them.
+        places = np.ascontiguousarray(marker_positions(
+            self.layout.mounting(self.hand), forward(joint_table(self.hand), angles)))
         for stamp, local, place in zip(stamps, markers, places):
             frame = self.markers[stamp]
             seen = np.isfinite(frame).all(axis=1)

@@ -18,8 +18,7 @@ from rclpy.node import Node
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.marker_layout import MARKERS, marker_positions
-from ..core.model.palm_triangle import fit_wrist
+from ..core.model.marker_layout import MARKERS
 from ..core.model.skeleton import skeleton_points
 from ..core.numerics import jit
 from ..drawing.animation import HandMotion, save_animation, save_sheet
@@ -167,11 +166,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
                     handed=options.handed, frame_rate=options.frame_rate,
                     subject=options.subject, partial=options.partial)
     processes.append(replay)
-    # Where kernels are on disk they load now, while the nodes start.
-    rest = marker_positions(
-        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
-    palm = rest[first.palm_rows]
-    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
+    # Now, while the nodes start: messages that come later would wait.
+    first.load_kernels()
     _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
     # Nothing is played before.
     listener.listen_to_markers()

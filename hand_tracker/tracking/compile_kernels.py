@@ -15,9 +15,11 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table
-from ..core.model.marker_layout import marker_positions
+from ..core.model.marker_layout import PALM_MARKERS, marker_positions
+from ..core.model.palm_triangle import fit_wrist
 from ..core.numerics import jit
 from ..core.numerics.quaternion import write_transforms
+from ..core.numerics.rigid_fit import fit_rigid
 from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandTracker
@@ -46,6 +48,10 @@ def compile_tracking() -> HandTracker:
     write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
                     np.empty((1, 7)))
     MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
+    # Of those who show a tracked hand.
+    palm, rotation, position = markers[:len(PALM_MARKERS)], np.eye(3), np.zeros(3)
+    fit_wrist(palm, palm, rotation, position)
+    fit_rigid(markers, markers, np.ones(len(markers)), rotation, position)
     mean_residual(state.residuals)
     seconds(Stamp(1, 0))
     is_repeated(1, 0, *NO_STAMP)
