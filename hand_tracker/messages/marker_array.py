@@ -42,6 +42,8 @@ class MarkerFrame(NamedTuple):
         Frames of markers that were left out because their frame is another.
     doubled : tuple of int
         Markers, by their place among the labels, to which several of the message answer.
+    searched : int or None
+        Number of points without labels among which the hand was searched; None of labelled ones.
     """
 
     stamp: Time | None
@@ -50,6 +52,7 @@ class MarkerFrame(NamedTuple):
     unknown: tuple[tuple[str, int], ...]
     foreign: tuple[str, ...]
     doubled: tuple[int, ...]
+    searched: int | None = None
 
 
 class Head(NamedTuple):

@@ -54,12 +54,13 @@ from .message_types import imported_message
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
-from .topic_publishers import full_name
+from .topic_publishers import full_name, namesake_fault
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
+LATE_FRAME = 10**9      # [ns] before the last command up to which a frame counts as late
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
@@ -130,6 +131,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
         self._sent = self._wrist_sent = -self._period
+        self._sent_stamp = Stamp(0, 0)
         raw = Serialization().raw
         if not raw:
             self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
@@ -383,6 +385,10 @@ class RetargetNode(SubscriptionHidingNode):
         guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
         if not guard.is_engaged:
             self._stop_wrist()
+            if fault := namesake_fault(self):
+                self.get_logger().warning(f'not engaged: {fault}', throttle_duration_sec=10.)
+                return fault
+            self._warn_of_shared_commands()
         reason, self._hand_fault = act(now), ''
         if reason and not self.count_publishers(topic):
             self._hand_fault, self._faulty_reason = (
@@ -404,9 +410,19 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
         if command is not None:
             self._sent = now
-            stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)
+            stamp = self._ordered(stamp or stamp_of(self.get_clock().now().nanoseconds))
             for (_, publisher), template in zip(self._outputs, self._templates):
                 publisher.publish(template.fill(stamp, command.position))
+
+    def _ordered(self, stamp: Stamp) -> Stamp:
+        """Return a stamp, or the last one where it is just before that.
+
+        What is sent without a frame has the present time, and a late frame may follow it.
+        """
+        if 0 < nanoseconds(self._sent_stamp) - nanoseconds(stamp) < LATE_FRAME:
+            return self._sent_stamp
+        self._sent_stamp = stamp
+        return stamp
 
     def _show_present(self, stamp: Stamp) -> None:
         """Publish where the robot is while it is not engaged, for those who show it."""
@@ -473,6 +489,16 @@ class RetargetNode(SubscriptionHidingNode):
                 f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
                 'of its own (remap joint_states). Joints of others are left out, which takes '
                 'time; two trackers of one hand would both move the robot', once=True)
+
+    def _warn_of_shared_commands(self) -> None:
+        """Warn, before the robot moves, of others who publish its commands."""
+        own = self.get_fully_qualified_name()
+        for topic in {publisher.topic_name for _, publisher in self._outputs}:
+            names = filter(None, map(full_name, self.get_publishers_info_by_topic(topic)))
+            if others := sorted({*names} - {own}):
+                self.get_logger().warning(
+                    f'{topic} is published by {", ".join(others)} too: the limits of '
+                    'speed and acceleration hold for the commands of this node alone')
 
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()

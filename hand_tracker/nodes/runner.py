@@ -32,11 +32,15 @@ from rclpy.utilities import remove_ros_args
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..messages.builders import Names, prefixed_names
-from .executors import fastest_executor
+from .executors import fastest_executor, steady_clock
 from .parameters import Parameter
+from .topic_publishers import namesake_fault
 from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
+NAMESAKE_PERIOD = 2.  # [s] between the looks for a node of the same name
+NAMESAKE_CHECKS = 3
+SAFETY = 'safety.'  # parameters without which a robot is not moved
 END_TIMEOUT = 30.  # [s] after which a process that hangs while it ends is ended
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 
@@ -250,6 +254,8 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
             nodes.append(make_node())
         _handle_interrupts(_interrupt)
         _warn_of_unknown(nodes)
+        for node in nodes:
+            _warn_of_namesake(node)
         work(*nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -301,6 +307,13 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
         unknown = [name for name, of_node in given.items()
                    if of_node is node and name not in known]
         alike = {name: get_close_matches(name, known, 1) for name in unknown}
+        for name in unknown:
+            # A file's section for every node may hold those of another.
+            if name.startswith(SAFETY) and any(one.startswith(SAFETY) for one in known):
+                raise InvalidArguments(
+                    f"there is no parameter '{name}'" + ''.join(
+                        f"; did you mean '{one}'?" for one in alike[name])
+                    + '; a robot is not moved by other limits than those meant')
         for name in filter(alike.get, unknown):
             node.get_logger().warning(f"there is no parameter '{name}': left out; "
                                       f"did you mean '{alike[name][0]}'?")
@@ -309,6 +322,20 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
             node.get_logger().warning(
                 f"there {'are no parameters' if others[1:] else 'is no parameter'} "
                 f"{', '.join(others)}: left out")
+
+
+def _warn_of_namesake(node: Node) -> None:
+    """Log, soon after the start, that another node has this one's name."""
+    checks = iter(range(NAMESAKE_CHECKS))
+
+    def check() -> None:
+        fault = namesake_fault(node)
+        if fault:
+            node.get_logger().warning(fault)
+        if fault or next(checks, None) is None:
+            timer.cancel()
+
+    timer = node.create_timer(NAMESAKE_PERIOD, check, clock=steady_clock())
 
 
 def _leave(number: int, frame: Any) -> None:

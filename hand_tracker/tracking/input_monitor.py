@@ -378,6 +378,8 @@ class InputMonitor:
             if not hidden.size:
                 return ('waiting for the palm: its markers are more than a kilometre away; '
                         f'{self._what_to_check()}')
+            if self._frame.searched is not None:
+                return f'waiting for the palm: {self._not_found(self._frame.searched)}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
@@ -407,8 +409,14 @@ class InputMonitor:
             return self._fault
         if self._palm is PalmState.WAITING:
             return self.describe(self._since, self._palm, str)
+        if self._frame is not None and self._frame.searched is not None:
+            return self._not_found(self._frame.searched)
         return (f'expected are the labels {self._expected(self._palm_slots())}; '
                 f'{self._others()}')
+
+    @staticmethod
+    def _not_found(searched: int) -> str:
+        return f'no hand is found yet among {searched} points without labels'
 
     def _others(self) -> str:
         """Describe the markers of the last message that are not of the hand."""

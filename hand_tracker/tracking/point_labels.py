@@ -186,7 +186,8 @@ class PointLabelReader:
         frame, places, found, other_side = self._labels.read(message, self._side)
         if frame.stamp is not None:
             self._note(seconds(frame.stamp), found, len(frame.points), other_side)
-        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, ())
+        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, (),
+                           len(frame.points))
 
     @property
     def cloud(self) -> np.ndarray | None:
