@@ -88,6 +88,11 @@ def _names_of_subject(names: tuple[str, ...], subject: str) -> tuple[tuple[str, 
     return tuple(names[row] for row in rows), rows
 
 
+def subjects(names: Sequence[str]) -> list[str]:
+    """Return the subjects of markers' names."""
+    return sorted({name.partition(':')[0] for name in names if ':' in name})
+
+
 def turned_upright(frame: SourceFrame, up: str) -> SourceFrame:
     """Return a frame with z up.
 

@@ -47,6 +47,7 @@ from ..adapters.point_frame import (
     SourceFrame,
     SourceUnavailable,
     of_subject,
+    subjects,
     turned_upright,
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
@@ -215,8 +216,11 @@ class SourceNode(Node):
     def _publish(self, frame: SourceFrame) -> None:
         """Publish a frame, in the thread in which it came."""
         values = self._values
-        if values['subject']:
-            frame = of_subject(frame, values['subject'])
+        if subject := values['subject']:
+            names, frame = frame.names, of_subject(frame, subject)
+            if names and not frame.names:
+                self._warn_once('subject', f"{self._origin}: subject: '{subject}'; expected one "
+                                f'of {", ".join(subjects(names)) or "none, as there is none"}')
         up = values['up'].removeprefix('+')
         if up == UP_AS_TOLD:
             up = self._client.up if self._client is not None else 'z'

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.labelling.validity import COORDINATE_LIMIT
 from ..core.model.hand import BOTH
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
@@ -167,6 +168,8 @@ class InputMonitor:
             On a clock that never jumps [s].
         frame : MarkerFrame
         """
+        if not self._has_received:
+            self._labelled = now
         self._received, self._frame, self._has_received = now, frame, True
         if frame.stamp is not None:
             self.received_alike(now, frame.stamp)
@@ -376,8 +379,7 @@ class InputMonitor:
             palm = self._palm_slots()
             hidden = palm[np.isnan(self._frame.positions[palm, 0])]
             if not hidden.size:
-                return ('waiting for the palm: its markers are more than a kilometre away; '
-                        f'{self._what_to_check()}')
+                return f'waiting for the palm: {self._too_far()}'
             if self._frame.searched is not None:
                 return f'waiting for the palm: {self._not_found(self._frame.searched)}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
@@ -386,7 +388,13 @@ class InputMonitor:
         kept = f'; since {now - self._since:.1f} s, the last pose is kept'
         return self._palm_fault(situation) + (kept if self._started is not None else '')
 
+    def _too_far(self) -> str:
+        return f'its markers are more than a kilometre away; {self._what_to_check()}'
+
     def _palm_fault(self, palm: PalmState) -> str:
+        if palm is PalmState.LOST and self._frame is not None and (
+                np.abs(self._frame.positions[self._palm_slots()]) > COORDINATE_LIMIT).any():
+            return f'the palm is lost: {self._too_far()}'
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)
         return PALM_FAULTS[palm] + (f': {self._what_to_check()}' if is_of_size else '')
 

@@ -184,10 +184,11 @@ class PointLabelReader:
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
         frame, places, found, other_side = self._labels.read(message, self._side)
+        # A source may keep the places of points that are gone.
+        count = int(np.isfinite(frame.points[:, 0]).sum())
         if frame.stamp is not None:
-            self._note(seconds(frame.stamp), found, len(frame.points), other_side)
-        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, (),
-                           len(frame.points))
+            self._note(seconds(frame.stamp), found, count, other_side)
+        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, (), count)
 
     @property
     def cloud(self) -> np.ndarray | None:

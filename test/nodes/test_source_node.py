@@ -14,6 +14,7 @@ from helpers.natnet_server import NatNetServer
 from helpers.qtm_server import QtmServer, data_packet
 from helpers.ros_process import NodeProcess, watching_node
 from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
+from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -111,6 +112,12 @@ def test_bodies_of_mocap4r2_are_told_apart_by_their_subject():
     frame = markers_from_message(message, LabelMap())
     np.testing.assert_array_equal(frame.positions, PLACES)
     assert {marker.ns for marker in message.markers} == {f'RHand:{name}' for name in MARKERS}
+    with source(source='mocap4r2', message='rigid_bodies', subject='Rhnd') as (node, watch):
+        lines = watch.collect(Log, '/rosout')
+        heard(watch, RigidBodies, '/rigid_bodies', bodies)
+        watch.spin_until(lambda: any(
+            line.msg == "/rigid_bodies: subject: 'Rhnd'; expected one of LHand, RHand"
+            for line in lines))
 
 
 def poses(points):

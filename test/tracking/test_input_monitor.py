@@ -414,3 +414,31 @@ def test_says_once_that_time_jumped_back():
         hand.watch.restarted()
     line, = hand.said(1.)
     assert 'jumped back' in line and 'use_sim_time' in line
+
+
+def test_markers_that_leap_beyond_a_kilometre_are_not_said_to_be_hidden():
+    hand = Input()
+    hand.feed(.1)
+    assert hand.said(.1) == ['tracking']
+    for number in range(5):
+        hand.feed(.2 + .1 * number, 1e4 + 1e3 * RESTING)
+    assert any('the palm is lost: its markers are more than a kilometre away; check unit_scale'
+               in line for line in hand.said(.7))
+
+
+def test_how_long_no_marker_was_of_the_hand_counts_from_the_first_message():
+    hand = Input()
+    for number in range(40):
+        hand.feed(20. + .1 * number, hidden(*range(8)), stamp=False, unknown=(('leds', 40),))
+        lines = hand.said(20. + .1 * number)
+        assert any('held no marker' in line for line in lines) == (number == 31), number
+
+
+def test_of_points_without_labels_no_label_is_expected():
+    hand = Input()
+    nothing = frame(hidden(*range(8)))._replace(searched=5)
+    hand.watch.received(.1, nothing)
+    hand.watch.tracked(.1, hand.tracker.update(nothing.positions))
+    said = 'no hand is found yet among 5 points without labels'
+    assert hand.said(.1) == [f'waiting for the palm: {said}']
+    assert said in hand.watch.why_never()
