@@ -357,7 +357,7 @@ def require_inputs(options: argparse.Namespace) -> None:
     # Of a robot there are also names of presets, package:// paths and XML.
     robots = [given[name] for name in ('robot', 'robot_description', 'urdf') if given.get(name)]
     files = [given.get('hand'), *(
-        text for text in robots if Path(text).suffix in ROBOT_SUFFIXES
+        text for text in robots if Path(text).suffix.lower() in ROBOT_SUFFIXES
         and not text.startswith(('package://', '<', '~')))]
     for paths, fault in ((recordings, 'no such file or folder'),
                          (files, 'No such file or directory')):

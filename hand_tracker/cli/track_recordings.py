@@ -236,7 +236,8 @@ def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
     """Return names for recordings: without a suffix, but where two differ by it alone."""
     named = [Path(one.name) if isinstance(one, Url) else one.resolve() for one in recordings]
     # A folder's name may have dots.
-    stems = [one.stem if one.suffix in (*STORAGE, *FILE_SUFFIXES) else one.name for one in named]
+    stems = [one.stem if one.suffix.lower() in (*STORAGE, *FILE_SUFFIXES) else one.name
+             for one in named]
     return [one.name if stems.count(stem) > 1 else stem for one, stem in zip(named, stems)]
 
 

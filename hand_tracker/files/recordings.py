@@ -151,7 +151,7 @@ def is_bag(path: str | PathLike[str]) -> bool:
 
 def is_named_as_recording(path: Path) -> bool:
     """Return whether a path has a recording's extension, or is the folder of a rosbag2 one."""
-    return path.suffix in (*STORAGE, *FILE_SUFFIXES) or (path / BAG_CONTENTS).exists()
+    return path.suffix.lower() in (*STORAGE, *FILE_SUFFIXES) or (path / BAG_CONTENTS).exists()
 
 
 def recognised_format(path: str | PathLike[str]) -> FileFormat:

@@ -52,9 +52,9 @@ from .executors import SubscriptionHidingNode, steady_clock
 from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .message_types import imported_message
 from .parameters import Parameter
-from .runner import InvalidArguments, declare, names_of, run
+from .runner import InvalidArguments, declare, names_of, namesake_fault, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
-from .topic_publishers import full_name, namesake_fault
+from .topic_publishers import full_name
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most

@@ -34,7 +34,6 @@ from ..core.model.hand import Hand
 from ..messages.builders import Names, prefixed_names
 from .executors import fastest_executor, steady_clock
 from .parameters import Parameter
-from .topic_publishers import namesake_fault
 from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
@@ -322,6 +321,21 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
             node.get_logger().warning(
                 f"there {'are no parameters' if others[1:] else 'is no parameter'} "
                 f"{', '.join(others)}: left out")
+
+
+def namesake_fault(node: Node) -> str:
+    """Return what is wrong where another node has this one's name; '' where none has.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    """
+    own = node.get_name(), node.get_namespace()
+    if node.get_node_names_and_namespaces().count(own) < 2:
+        return ''
+    return (f'another node is named {node.get_fully_qualified_name()} too, and both publish and '
+            'answer (one that was killed counts for 20 s): end one, or give it another name '
+            '(--ros-args -r __node:=NAME) and other topics')
 
 
 def _warn_of_namesake(node: Node) -> None:

@@ -1,10 +1,9 @@
-"""Who else is there: names of publishers, why a topic is silent, nodes of the same name."""
+"""Publishers of a topic of markers: their names, and why a topic is silent."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ..messages.marker_array import MARKER_ARRAY
@@ -24,21 +23,6 @@ def full_name(endpoint: TopicEndpointInfo) -> str | None:
     if endpoint.node_name == UNNAMED_NODE:
         return None
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-
-
-def namesake_fault(node: Node) -> str:
-    """Return what is wrong where another node has this one's name; '' where none has.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    """
-    own = node.get_name(), node.get_namespace()
-    if node.get_node_names_and_namespaces().count(own) < 2:
-        return ''
-    return (f'another node is named {node.get_fully_qualified_name()} too, and both publish and '
-            'answer (one that was killed counts for 20 s): end one, or give it another name '
-            '(--ros-args -r __node:=NAME) and other topics')
 
 
 def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,

@@ -85,7 +85,7 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     InvalidRobot
         Naming the file, the key, its value and what is expected.
     """
-    if robot.endswith(('.urdf', '.xml')):
+    if robot.lower().endswith(('.urdf', '.xml')):
         file = resolve_path(robot, Path())
         loaded = _assemble({}, load_urdf_tree(file), side, robot, order)
         return loaded._replace(urdf=str(file.resolve()))

@@ -3,6 +3,7 @@
 import gzip
 import struct
 import zipfile
+from pathlib import Path
 
 import ezc3d
 import numpy as np
@@ -25,6 +26,7 @@ from hand_tracker.files.recordings import (
     FORMATS,
     VICON_CSV,
     ReadingOptions,
+    is_named_as_recording,
     read_recording,
     recognised_format,
     write_recording,
@@ -391,3 +393,8 @@ def test_missing_and_unwritable_paths_are_named(tmp_path):
 def test_options_list_every_format_that_is_written():
     assert WRITTEN_FORMATS == tuple(
         one.name.lower().replace(' ', '-') for one in FORMATS if one.write)
+
+
+def test_recordings_of_a_folder_are_known_by_extensions_in_capitals_too():
+    assert all(map(is_named_as_recording, map(Path, ('TAKE.C3D', 'take.c3d', 'Take.Mcap'))))
+    assert not is_named_as_recording(Path('TAKE.PDF'))

@@ -180,6 +180,11 @@ def test_what_inspecting_writes_of_a_gripper_is_the_same_gripper(gripper, tmp_pa
         assert again.hand.spheres[role].radius == pytest.approx(radius, abs=1e-9)
 
 
+def test_a_urdf_is_known_by_its_extension_in_capitals_too(hand_urdf):
+    capital = hand_urdf.rename(hand_urdf.with_suffix('.URDF'))
+    assert load_robot(str(capital)).urdf == str(capital)
+
+
 def test_joints_follow_human_joints(hand_urdf, tmp_path):
     path = robot_file(tmp_path, {'follow': {'index_pip_flexion': {
         'angle': 'little_pip_flexion', 'scale': .5, 'offset_deg': 90.}, 'thumb_ip_flexion':

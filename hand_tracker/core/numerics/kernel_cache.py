@@ -8,9 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from llvmlite.binding import parse_bitcode
 from numba.core.caching import FunctionCache
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, ll
 from numba.core.runtime.nrt import rtsys
 
 GivenFolder: Any = FunctionCache._impl_class._locator_classes[0]
@@ -47,7 +46,7 @@ class LoadedLibrary(JITCodeLibrary):
 
     def _get_module_for_linking(self) -> Any:
         if self._shared_module is None:
-            self._shared_module = parse_bitcode(self._bitcode)
+            self._shared_module = ll.parse_bitcode(self._bitcode)
         return self._shared_module
 
     def get_pointer_to_function(self, name: str) -> int:
