@@ -42,8 +42,9 @@ class MarkerFrame(NamedTuple):
         Frames of markers that were left out because their frame is another.
     doubled : tuple of int
         Markers, by their place among the labels, to which several of the message answer.
-    searched : int or None
-        Number of points without labels among which the hand was searched; None of labelled ones.
+    searched : ndarray, shape (n, 3), or None
+        Points without labels among which the hand was searched, NaN where one is not seen [m];
+        None where they have labels.
     """
 
     stamp: Time | None
@@ -52,7 +53,12 @@ class MarkerFrame(NamedTuple):
     unknown: tuple[tuple[str, int], ...]
     foreign: tuple[str, ...]
     doubled: tuple[int, ...]
-    searched: int | None = None
+    searched: np.ndarray | None = None
+
+    @property
+    def points_seen(self) -> int:
+        """Number of points without labels that are there; 0 where points have labels."""
+        return 0 if self.searched is None else int(np.isfinite(self.searched).all(axis=1).sum())
 
 
 class Head(NamedTuple):

@@ -52,7 +52,7 @@ from .executors import SubscriptionHidingNode, steady_clock
 from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .message_types import imported_message
 from .parameters import Parameter
-from .runner import InvalidArguments, declare, names_of, namesake_fault, run
+from .runner import InvalidArguments, declare, names_of, namesake_fault, refuse_unknown, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
 from .topic_publishers import full_name
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
@@ -60,7 +60,6 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
-LATE_FRAME = 10**9      # [ns] before the last command up to which a frame counts as late
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
@@ -106,6 +105,8 @@ class RetargetNode(SubscriptionHidingNode):
     def __init__(self) -> None:
         super().__init__('retarget')
         values = declare(self, RETARGET_PARAMETERS)
+        # A robot is not moved by other limits than those meant.
+        refuse_unknown(self, ('safety', 'wrist'))
         if not values['robot']:
             raise InvalidArguments('robot: empty; expected a preset or a file, as '
                                    '--ros-args -p robot:=allegro')
@@ -131,7 +132,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
         self._sent = self._wrist_sent = -self._period
-        self._sent_stamp = Stamp(0, 0)
+        self._namesake_fault, self._looked_around = '', -math.inf
         raw = Serialization().raw
         if not raw:
             self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
@@ -383,13 +384,19 @@ class RetargetNode(SubscriptionHidingNode):
         """Engage the robot by an act of its guard, and the arm with it; return why not."""
         now = time.monotonic()
         guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
-        if not guard.is_engaged:
+        was_engaged = guard.is_engaged
+        if not was_engaged:
             self._stop_wrist()
-            if fault := namesake_fault(self):
-                self.get_logger().warning(f'not engaged: {fault}', throttle_duration_sec=10.)
-                return fault
-            self._warn_of_shared_commands()
+            # A deadman acts over and over.
+            if now - self._looked_around >= RETARGET_STATUS_PERIOD:
+                self._look_around(now)
+            if self._namesake_fault:
+                self.get_logger().warning(f'not engaged: {self._namesake_fault}',
+                                          throttle_duration_sec=10.)
+                return self._namesake_fault
         reason, self._hand_fault = act(now), ''
+        if guard.is_engaged and not was_engaged:
+            self._warn_of_shared_commands()
         if reason and not self.count_publishers(topic):
             self._hand_fault, self._faulty_reason = (
                 f"nobody publishes the hand's {topic}", guard.reason)
@@ -410,19 +417,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
         if command is not None:
             self._sent = now
-            stamp = self._ordered(stamp or stamp_of(self.get_clock().now().nanoseconds))
+            stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)
             for (_, publisher), template in zip(self._outputs, self._templates):
                 publisher.publish(template.fill(stamp, command.position))
-
-    def _ordered(self, stamp: Stamp) -> Stamp:
-        """Return a stamp, or the last one where it is just before that.
-
-        What is sent without a frame has the present time, and a late frame may follow it.
-        """
-        if 0 < nanoseconds(self._sent_stamp) - nanoseconds(stamp) < LATE_FRAME:
-            return self._sent_stamp
-        self._sent_stamp = stamp
-        return stamp
 
     def _show_present(self, stamp: Stamp) -> None:
         """Publish where the robot is while it is not engaged, for those who show it."""
@@ -490,8 +487,12 @@ class RetargetNode(SubscriptionHidingNode):
                 'of its own (remap joint_states). Joints of others are left out, which takes '
                 'time; two trackers of one hand would both move the robot', once=True)
 
+    def _look_around(self, now: float) -> None:
+        """Look for another node of this one's name."""
+        self._namesake_fault, self._looked_around = namesake_fault(self), now
+
     def _warn_of_shared_commands(self) -> None:
-        """Warn, before the robot moves, of others who publish its commands."""
+        """Warn, as the robot is engaged, of others who publish its commands."""
         own = self.get_fully_qualified_name()
         for topic in {publisher.topic_name for _, publisher in self._outputs}:
             names = filter(None, map(full_name, self.get_publishers_info_by_topic(topic)))
@@ -502,13 +503,17 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
+        self._look_around(time.monotonic())
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         refused = self._teleoperation.refused_jumps
         new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'
         if new_jumps:
             text += f'; jumps of the hand refused: {new_jumps}'
-        is_fine = guard.is_following and not self._wrist_fault and not new_jumps
+        if self._namesake_fault:
+            text += f'; {self._namesake_fault}'
+        is_fine = guard.is_following and not (
+            self._wrist_fault or new_jumps or self._namesake_fault)
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
         status = Status(level, text, {
             'state': guard.state.value, 'refused jumps': str(refused),

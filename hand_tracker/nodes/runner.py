@@ -38,8 +38,8 @@ from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
 NAMESAKE_PERIOD = 2.  # [s] between the looks for a node of the same name
-NAMESAKE_CHECKS = 3
-SAFETY = 'safety.'  # parameters without which a robot is not moved
+NAMESAKE_LOOKS = 3
+SECTION_LIKENESS = .7  # of a section's name from which on it counts as misspelled
 END_TIMEOUT = 30.  # [s] after which a process that hangs while it ends is ended
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 
@@ -297,6 +297,30 @@ def _refuse_words(words: list[str]) -> None:
                                'as --ros-args -p NAME:=VALUE')
 
 
+def refuse_unknown(node: Node, sections: Sequence[str]) -> None:
+    """Refuse parameters that were given at the start, and that sections of a node do not have.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        With all its parameters declared.
+    sections : sequence of str
+        Such as 'safety', of 'safety.max_speed'.
+
+    Raises
+    ------
+    InvalidArguments
+        Of one in such a section, or in one whose name is misspelled.
+    """
+    known = node.get_parameters_by_prefix('')
+    for name in getattr(node, '_parameter_overrides', ()):
+        section, has_section, _ = name.partition('.')
+        if name not in known and has_section and get_close_matches(
+                section, sections, 1, SECTION_LIKENESS):
+            meant = ''.join(f"; did you mean '{one}'?" for one in get_close_matches(name, known, 1))
+            raise InvalidArguments(f"there is no parameter '{name}'{meant}")
+
+
 def _warn_of_unknown(nodes: Sequence[Node]) -> None:
     """Log the parameters given at the start that no node has: rclpy drops them."""
     known = {name for node in nodes for name in node.get_parameters_by_prefix('')}
@@ -306,13 +330,6 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
         unknown = [name for name, of_node in given.items()
                    if of_node is node and name not in known]
         alike = {name: get_close_matches(name, known, 1) for name in unknown}
-        for name in unknown:
-            # A file's section for every node may hold those of another.
-            if name.startswith(SAFETY) and any(one.startswith(SAFETY) for one in known):
-                raise InvalidArguments(
-                    f"there is no parameter '{name}'" + ''.join(
-                        f"; did you mean '{one}'?" for one in alike[name])
-                    + '; a robot is not moved by other limits than those meant')
         for name in filter(alike.get, unknown):
             node.get_logger().warning(f"there is no parameter '{name}': left out; "
                                       f"did you mean '{alike[name][0]}'?")
@@ -340,16 +357,18 @@ def namesake_fault(node: Node) -> str:
 
 def _warn_of_namesake(node: Node) -> None:
     """Log, soon after the start, that another node has this one's name."""
-    checks = iter(range(NAMESAKE_CHECKS))
+    looks = 0
 
-    def check() -> None:
+    def look() -> None:
+        nonlocal looks
+        looks += 1
         fault = namesake_fault(node)
         if fault:
             node.get_logger().warning(fault)
-        if fault or next(checks, None) is None:
+        if fault or looks == NAMESAKE_LOOKS:
             timer.cancel()
 
-    timer = node.create_timer(NAMESAKE_PERIOD, check, clock=steady_clock())
+    timer = node.create_timer(NAMESAKE_PERIOD, look, clock=steady_clock())
 
 
 def _leave(number: int, frame: Any) -> None:

@@ -219,8 +219,10 @@ class SourceNode(Node):
         if subject := values['subject']:
             names, frame = frame.names, of_subject(frame, subject)
             if names and not frame.names:
-                self._warn_once('subject', f"{self._origin}: subject: '{subject}'; expected one "
-                                f'of {", ".join(subjects(names)) or "none, as there is none"}')
+                known = ', '.join(subjects(names))
+                self._warn_once(f'subject {known}', f"{self._origin}: subject: '{subject}'; " + (
+                    f'expected one of {known}' if known else
+                    'expected none, as its markers have no subject'))
         up = values['up'].removeprefix('+')
         if up == UP_AS_TOLD:
             up = self._client.up if self._client is not None else 'z'

@@ -245,7 +245,7 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     if step < 0.:
         return NO_COMMAND
     place_landmarks(humans)
-    # A slice is an array to numba, as that of `Retargeter` is: one kernel serves both.
+    # A slice, as numba compiles anew for a record's array what `Retargeter` calls with another.
     solve_frame(problems, solutions, human.landmarks[:], human.angles[0], step)
     if not observe_solution(memories, solutions, guards, now):
         return NO_COMMAND

@@ -48,7 +48,7 @@ def compile_tracking() -> HandTracker:
     write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
                     np.empty((1, 7)))
     MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
-    # Of those who show a tracked hand.
+    # Those who show a tracked hand call these two.
     palm, rotation, position = markers[:len(PALM_MARKERS)], np.eye(3), np.zeros(3)
     fit_wrist(palm, palm, rotation, position)
     fit_rigid(markers, markers, np.ones(len(markers)), rotation, position)

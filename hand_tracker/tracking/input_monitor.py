@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.labelling.validity import COORDINATE_LIMIT
 from ..core.model.hand import BOTH
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
@@ -363,9 +362,9 @@ class InputMonitor:
                        'nothing publishes them (a remapping, ROS_DOMAIN_ID?)')
             return f'no markers on {self._topic} for {now - self._received:.0f} s: {why}'
         if situation == 'unlabelled':
+            found = filter(None, (self._others(), self._wanted(range(len(self.labels.names)))))
             return (f'messages on {self._topic} have held no marker of the hand for '
-                    f'{now - self._labelled:.0f} s: {self._others()}; '
-                    f'expected are the labels {self._expected(range(len(self.labels.names)))}')
+                    f'{now - self._labelled:.0f} s: {"; ".join(found)}')
         if (fault := self.side_fault()) is not None and situation == 'mirrored':
             return fault
         if situation == 'off':
@@ -379,22 +378,17 @@ class InputMonitor:
             palm = self._palm_slots()
             hidden = palm[np.isnan(self._frame.positions[palm, 0])]
             if not hidden.size:
-                return f'waiting for the palm: {self._too_far()}'
-            if self._frame.searched is not None:
-                return f'waiting for the palm: {self._not_found(self._frame.searched)}'
+                return ('waiting for the palm: its markers are more than a kilometre away; '
+                        f'{self._what_to_check()}')
+            if self._has_no_labels and np.isnan(self._frame.positions).all():
+                return f'waiting for the palm: no hand is found yet; {self._others()}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
         kept = f'; since {now - self._since:.1f} s, the last pose is kept'
         return self._palm_fault(situation) + (kept if self._started is not None else '')
 
-    def _too_far(self) -> str:
-        return f'its markers are more than a kilometre away; {self._what_to_check()}'
-
     def _palm_fault(self, palm: PalmState) -> str:
-        if palm is PalmState.LOST and self._frame is not None and (
-                np.abs(self._frame.positions[self._palm_slots()]) > COORDINATE_LIMIT).any():
-            return f'the palm is lost: {self._too_far()}'
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)
         return PALM_FAULTS[palm] + (f': {self._what_to_check()}' if is_of_size else '')
 
@@ -417,14 +411,17 @@ class InputMonitor:
             return self._fault
         if self._palm is PalmState.WAITING:
             return self.describe(self._since, self._palm, str)
-        if self._frame is not None and self._frame.searched is not None:
-            return self._not_found(self._frame.searched)
-        return (f'expected are the labels {self._expected(self._palm_slots())}; '
-                f'{self._others()}')
+        return '; '.join(filter(None, (self._wanted(self._palm_slots()), self._others())))
 
-    @staticmethod
-    def _not_found(searched: int) -> str:
-        return f'no hand is found yet among {searched} points without labels'
+    @property
+    def _has_no_labels(self) -> bool:
+        return self._frame is not None and self._frame.searched is not None
+
+    def _wanted(self, slots: Iterable[int] | np.ndarray) -> str:
+        """Describe what is expected in place of the markers that are not of the hand, if any."""
+        if self._frame is not None and self._frame.foreign:
+            return f"expected is frame '{self._frame.frame_id}' ({self.names.frame})"
+        return '' if self._has_no_labels else f'expected are the labels {self._expected(slots)}'
 
     def _others(self) -> str:
         """Describe the markers of the last message that are not of the hand."""
@@ -432,6 +429,8 @@ class InputMonitor:
             return 'no message came'
         if self._frame.foreign:
             return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
+        if self._has_no_labels:
+            return f'there are {self._frame.points_seen} points without labels'
         if self._frame.unknown:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
         return 'there is no other point-like marker'
@@ -443,6 +442,8 @@ class InputMonitor:
 
     def _expected(self, slots: Iterable[int] | np.ndarray) -> str:
         labels, names = self.labels.labels, self.labels.names
+        if self._has_no_labels:
+            return ', '.join(names[slot] for slot in slots)
         # Markers that are not worn have no label.
         return ', '.join(self.names.marker.format(label=labels[slot], name=names[slot])
                          if labels[slot] else names[slot] for slot in slots)

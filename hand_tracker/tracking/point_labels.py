@@ -184,11 +184,11 @@ class PointLabelReader:
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
         frame, places, found, other_side = self._labels.read(message, self._side)
-        # A source may keep the places of points that are gone.
-        count = int(np.isfinite(frame.points[:, 0]).sum())
+        markers = MarkerFrame(
+            frame.stamp, frame.frame_id, places, (), frame.foreign, (), frame.points)
         if frame.stamp is not None:
-            self._note(seconds(frame.stamp), found, count, other_side)
-        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, (), count)
+            self._note(seconds(frame.stamp), found, markers, other_side)
+        return markers
 
     @property
     def cloud(self) -> np.ndarray | None:
@@ -199,12 +199,13 @@ class PointLabelReader:
         """Label by another hand of this side from now on, such as one of the wearer's size."""
         self._labels.set_hand(hand, self._layout, self._points)
 
-    def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:
+    def _note(self, time: float | None, found: bool, markers: MarkerFrame,
+              other_side: bool) -> None:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
         if found:
             if self._side not in self._labels.told:
-                self._log_lines.append((False, f'the {self._side} hand is found among {count} '
-                                        'points without labels'))
+                self._log_lines.append((False, f'the {self._side} hand is found among '
+                                        f'{markers.points_seen} points without labels'))
             self._labels.told.add(self._side)
             self._searched_since, self._asked = None, False
             return
@@ -217,6 +218,7 @@ class PointLabelReader:
         self._asked = True
         self._labels.told.discard(self._side)
         other, names = OTHER_SIDE[self._side], tuple(self._layout.names)
+        count = markers.points_seen
         if other_side:
             self._log_lines.append((True, f'the points look like a {other} hand: set '
                                     f'{self._settings.side.format(other)}, or check whether axes '

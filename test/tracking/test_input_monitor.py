@@ -416,16 +416,6 @@ def test_says_once_that_time_jumped_back():
     assert 'jumped back' in line and 'use_sim_time' in line
 
 
-def test_markers_that_leap_beyond_a_kilometre_are_not_said_to_be_hidden():
-    hand = Input()
-    hand.feed(.1)
-    assert hand.said(.1) == ['tracking']
-    for number in range(5):
-        hand.feed(.2 + .1 * number, 1e4 + 1e3 * RESTING)
-    assert any('the palm is lost: its markers are more than a kilometre away; check unit_scale'
-               in line for line in hand.said(.7))
-
-
 def test_how_long_no_marker_was_of_the_hand_counts_from_the_first_message():
     hand = Input()
     for number in range(40):
@@ -434,11 +424,35 @@ def test_how_long_no_marker_was_of_the_hand_counts_from_the_first_message():
         assert any('held no marker' in line for line in lines) == (number == 31), number
 
 
+def searched(hand, now, positions, points, **causes):
+    """Take a message of points without labels."""
+    found = frame(positions, **causes)._replace(searched=points)
+    hand.watch.received(now, found)
+    if causes.get('stamp', True):
+        hand.watch.tracked(now, hand.tracker.update(positions))
+
+
 def test_of_points_without_labels_no_label_is_expected():
     hand = Input()
-    nothing = frame(hidden(*range(8)))._replace(searched=5)
-    hand.watch.received(.1, nothing)
-    hand.watch.tracked(.1, hand.tracker.update(nothing.positions))
-    said = 'no hand is found yet among 5 points without labels'
-    assert hand.said(.1) == [f'waiting for the palm: {said}']
-    assert said in hand.watch.why_never()
+    points = np.vstack((RESTING[:5], np.full((3, 3), np.nan)))
+    searched(hand, .1, hidden(*range(8)), points)
+    there = 'there are 5 points without labels'
+    assert hand.said(.1) == [f'waiting for the palm: no hand is found yet; {there}']
+    assert hand.watch.why_never() == f'waiting for the palm: no hand is found yet; {there}'
+    # It is found, but for the wrist.
+    searched(hand, .2, hidden(0), RESTING[1:])
+    assert hand.watch.why_never() == (
+        'waiting for the palm: not seen yet wrist; there are 7 points without labels')
+    for number in range(40):
+        searched(hand, 1. + .1 * number, hidden(*range(8)), points[5:], stamp=False)
+    line, = (line for line in hand.said(5.) if 'held no marker' in line)
+    assert line.endswith(' s: there are 0 points without labels')
+
+
+def test_where_all_markers_are_of_another_frame_no_label_is_expected():
+    hand = Input()
+    for number in range(40):
+        hand.feed(.1 * number, hidden(*range(8)), stamp=False, foreign=('world',))
+    found = [line for line in hand.said(4.) if 'held no marker' in line]
+    assert len(found) == 1 and 'labels' not in found[0]
+    assert "there are markers in frame 'world'; expected is frame 'mocap' (mocap_frame" in found[0]

@@ -283,7 +283,7 @@ def c_callback(signature: str) -> Callable[[Callable[..., Any]], Any]:
     Returns
     -------
     callable
-        What it returns has the function's `address`.
+        Returns numba's CFunc, whose `address` is that of the machine code.
     """
     def compiled(function: Callable[..., Any]) -> Any:
         ccallback: Any = import_module('numba.core.ccallback')

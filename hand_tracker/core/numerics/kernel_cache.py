@@ -1,7 +1,8 @@
 """Compiled kernels on disk: numba's cache, in one folder that may be full or read-only.
 
 Of a loaded kernel no more is prepared than calling it takes: numba would also parse its bitcode and
-import all that compiling needs, a fifth of a node's start.
+import all that compiling needs, a fifth of a node's start. So no symbols but those of numba's core
+are there for it: kernels that hash, say, would lack theirs.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary, ll
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 
 GivenFolder: Any = FunctionCache._impl_class._locator_classes[0]
@@ -47,10 +49,12 @@ class LoadedLibrary(JITCodeLibrary):
     def _get_module_for_linking(self) -> Any:
         if self._shared_module is None:
             self._shared_module = ll.parse_bitcode(self._bitcode)
+            self._bitcode = b''
         return self._shared_module
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return the address of a function of the machine code."""
+        """Return the address of a function of the machine code, which has it."""
+        # Numba's looks for it among the names that it reads from the bitcode.
         return self._codegen._engine.get_function_address(name)
 
 
@@ -60,14 +64,15 @@ class KernelStorage(FunctionCache._impl_class):
     _locator_classes = (KernelFolder,)
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Return a kernel from its pickled parts; numba's lock is held."""
+        """Return a kernel from its pickled parts."""
         codegen = target_context.codegen()
         usual = codegen._library_class
-        codegen._library_class = LoadedLibrary
-        try:
-            return super().rebuild(target_context, payload)
-        finally:
-            codegen._library_class = usual
+        with global_compiler_lock:
+            codegen._library_class = LoadedLibrary
+            try:
+                return super().rebuild(target_context, payload)
+            finally:
+                codegen._library_class = usual
 
 
 class KernelCache(FunctionCache):

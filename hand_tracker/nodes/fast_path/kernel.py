@@ -321,7 +321,7 @@ def _copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
 @jit
 def _matches_signature(memory: FastPathMemory, size: int) -> bool:
     """Return whether the message has the installed signature."""
-    # Of slices the parsers are those that `MarkerReader` has compiled for arrays.
+    # Slices, as numba compiles anew for a record's arrays what `MarkerReader` calls with others.
     count, used = parse_points(
         memory.parser[0], memory.message.view(np.uint8), memory.message.view(np.int32),
         memory.message[:], size, memory.heads[:], memory.places[:], memory.strings[:])
