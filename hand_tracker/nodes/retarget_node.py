@@ -133,6 +133,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._known_jumps = 0   # of the last status
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault, self._looked_around = '', -math.inf
+        self._sharers: set[str] = set()  # who publishes its commands too
         raw = Serialization().raw
         if not raw:
             self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
@@ -384,8 +385,7 @@ class RetargetNode(SubscriptionHidingNode):
         """Engage the robot by an act of its guard, and the arm with it; return why not."""
         now = time.monotonic()
         guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
-        was_engaged = guard.is_engaged
-        if not was_engaged:
+        if not guard.is_engaged:
             self._stop_wrist()
             # A deadman acts over and over.
             if now - self._looked_around >= RETARGET_STATUS_PERIOD:
@@ -395,8 +395,6 @@ class RetargetNode(SubscriptionHidingNode):
                                           throttle_duration_sec=10.)
                 return self._namesake_fault
         reason, self._hand_fault = act(now), ''
-        if guard.is_engaged and not was_engaged:
-            self._warn_of_shared_commands()
         if reason and not self.count_publishers(topic):
             self._hand_fault, self._faulty_reason = (
                 f"nobody publishes the hand's {topic}", guard.reason)
@@ -492,19 +490,22 @@ class RetargetNode(SubscriptionHidingNode):
         self._namesake_fault, self._looked_around = namesake_fault(self), now
 
     def _warn_of_shared_commands(self) -> None:
-        """Warn, as the robot is engaged, of others who publish its commands."""
+        """Warn once of others who publish its commands."""
         own = self.get_fully_qualified_name()
         for topic in {publisher.topic_name for _, publisher in self._outputs}:
             names = filter(None, map(full_name, self.get_publishers_info_by_topic(topic)))
-            if others := sorted({*names} - {own}):
+            for other in {*names} - {own} - self._sharers:
+                self._sharers.add(other)
                 self.get_logger().warning(
-                    f'{topic} is published by {", ".join(others)} too: the limits of '
-                    'speed and acceleration hold for the commands of this node alone')
+                    f'{topic} is published by {other} too: the limits of speed and acceleration '
+                    'hold for the commands of this node alone')
 
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
         self._look_around(time.monotonic())
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
+        if guard.is_engaged:
+            self._warn_of_shared_commands()
         refused = self._teleoperation.refused_jumps
         new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'

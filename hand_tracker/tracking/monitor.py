@@ -132,9 +132,9 @@ def _are_alike(last: TrackedFrame, frame: TrackedFrame) -> bool:
     return (not frame.restarted and frame.state.palm is PalmState.TRACKED is last.state.palm
             and frame.state.marker_states.tobytes() == last.state.marker_states.tobytes()
             and frame.stamp != last.stamp
-            # All but stamp and positions
+            # All but stamp, positions and points without labels
             and frame.markers.frame_id == last.markers.frame_id
-            and frame.markers[3:] == last.markers[3:])
+            and frame.markers[3:-1] == last.markers[3:-1])
 
 
 class Monitor:
