@@ -269,6 +269,7 @@ class MarkerInput:
             return
         self._name_lookups = 0
         kept, other = (name or 'an unknown publisher' for name in names)
+        other = f'another {other}' if other == kept else other
         self.hands[0].warn_once(
             'publishers', f'several nodes publish on {topic}: {kept} is tracked until it is silent '
             f'for {PUBLISHER_SILENCE:g} s, and what {other} sends meanwhile is left out '
