@@ -132,7 +132,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
         self._sent = self._wrist_sent = -self._period
-        self._namesake_fault, self._looked_around = '', -math.inf
+        self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
         raw = Serialization().raw
         if not raw:
@@ -374,6 +374,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._take_over()
         guard, reason = self._teleoperation.guard, ''
         if wanted:
+            self._namesake_fault = namesake_fault(self)
             reason = self._engage_by(guard.engage)
         else:
             guard.disengage()
@@ -387,9 +388,6 @@ class RetargetNode(SubscriptionHidingNode):
         guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
         if not guard.is_engaged:
             self._stop_wrist()
-            # A deadman acts over and over.
-            if now - self._looked_around >= RETARGET_STATUS_PERIOD:
-                self._look_around(now)
             if self._namesake_fault:
                 self.get_logger().warning(f'not engaged: {self._namesake_fault}',
                                           throttle_duration_sec=10.)
@@ -485,10 +483,6 @@ class RetargetNode(SubscriptionHidingNode):
                 'of its own (remap joint_states). Joints of others are left out, which takes '
                 'time; two trackers of one hand would both move the robot', once=True)
 
-    def _look_around(self, now: float) -> None:
-        """Look for another node of this one's name."""
-        self._namesake_fault, self._looked_around = namesake_fault(self), now
-
     def _warn_of_shared_commands(self) -> None:
         """Warn once of others who publish its commands."""
         own = self.get_fully_qualified_name()
@@ -502,7 +496,7 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
-        self._look_around(time.monotonic())
+        self._namesake_fault = namesake_fault(self)
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         if guard.is_engaged:
             self._warn_of_shared_commands()
