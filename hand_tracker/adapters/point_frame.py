@@ -88,9 +88,10 @@ def _names_of_subject(names: tuple[str, ...], subject: str) -> tuple[tuple[str, 
     return tuple(names[row] for row in rows), rows
 
 
-def subjects(names: Sequence[str]) -> list[str]:
+@lru_cache(1)
+def subjects(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the subjects of markers' names."""
-    return sorted({name.partition(':')[0] for name in names if ':' in name})
+    return tuple(sorted({name.partition(':')[0] for name in names if ':' in name}))
 
 
 def turned_upright(frame: SourceFrame, up: str) -> SourceFrame:

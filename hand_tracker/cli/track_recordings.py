@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
-from ..files.bags import BAG_CONTENTS, STORAGE, BagError
-from ..files.recordings import FILE_SUFFIXES, is_named_as_recording
+from ..files.bags import BAG_CONTENTS, BagError
+from ..files.recordings import has_recording_suffix, is_named_as_recording
 from ..files.remote_files import Url, exists, local_copy, matching, upload
 from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
 from ..output_files import require_suffix
@@ -236,8 +236,7 @@ def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
     """Return names for recordings: without a suffix, but where two differ by it alone."""
     named = [Path(one.name) if isinstance(one, Url) else one.resolve() for one in recordings]
     # A folder's name may have dots.
-    stems = [one.stem if one.suffix.lower() in (*STORAGE, *FILE_SUFFIXES) else one.name
-             for one in named]
+    stems = [one.stem if has_recording_suffix(one) else one.name for one in named]
     return [one.name if stems.count(stem) > 1 else stem for one, stem in zip(named, stems)]
 
 

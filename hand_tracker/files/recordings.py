@@ -149,9 +149,14 @@ def is_bag(path: str | PathLike[str]) -> bool:
     return head.startswith(BAG_STARTS) or path.suffix in STORAGE
 
 
+def has_recording_suffix(path: Path) -> bool:
+    """Return whether a path has a recording's extension, whatever its case."""
+    return path.suffix.lower() in (*STORAGE, *FILE_SUFFIXES)
+
+
 def is_named_as_recording(path: Path) -> bool:
     """Return whether a path has a recording's extension, or is the folder of a rosbag2 one."""
-    return path.suffix.lower() in (*STORAGE, *FILE_SUFFIXES) or (path / BAG_CONTENTS).exists()
+    return has_recording_suffix(path) or (path / BAG_CONTENTS).exists()
 
 
 def recognised_format(path: str | PathLike[str]) -> FileFormat:

@@ -471,12 +471,16 @@ class RetargetNode(SubscriptionHidingNode):
         self.get_logger().info(f'{said[0]}: {said[1]}')
         self._publish_status()
 
+    def _publishers_of(self, topic: str) -> list[str]:
+        """Return the names of the nodes that publish a topic, as often as they do, sorted."""
+        return sorted(filter(None, map(full_name, self.get_publishers_info_by_topic(topic))))
+
     def _warn_of_shared_topic(self) -> None:
         """Warn once where not the hand's tracker alone publishes its joint states."""
         topic = self._joint_subscriptions[0].topic_name
         if self.count_publishers(topic) < 2:
             return
-        names = sorted(filter(None, map(full_name, self.get_publishers_info_by_topic(topic))))
+        names = self._publishers_of(topic)
         if len(names) > 1:
             self.get_logger().warning(
                 f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
@@ -487,8 +491,7 @@ class RetargetNode(SubscriptionHidingNode):
         """Warn once of others who publish its commands."""
         own = self.get_fully_qualified_name()
         for topic in {publisher.topic_name for _, publisher in self._outputs}:
-            names = filter(None, map(full_name, self.get_publishers_info_by_topic(topic)))
-            for other in {*names} - {own} - self._sharers:
+            for other in {*self._publishers_of(topic)} - {own} - self._sharers:
                 self._sharers.add(other)
                 self.get_logger().warning(
                     f'{topic} is published by {other} too: the limits of speed and acceleration '
