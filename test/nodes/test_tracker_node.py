@@ -334,9 +334,15 @@ def test_junk_is_survived_and_each_cause_logged_once(solved):
             assert np.isfinite(heard.position).all()
             assert (heard.position >= RIGHT.limits[:, 0]).all()
             assert (heard.position <= RIGHT.limits[:, 1]).all()
+
+        def said():
+            return [line.split(']: ', 1)[1] for text in ('left out', 'several markers')
+                    for line in lines(bench.process, text)]
+
+        # Lines are logged ten times a second: after the answers.
+        bench.node.spin_until(lambda: len(said()) > 1)
         # Each cause once, and no more of them than are ever logged.
-        causes = [line.split(']: ', 1)[1] for text in ('left out', 'several markers')
-                  for line in lines(bench.process, text)]
+        causes = said()
         assert 1 < len(causes) == len(set(causes)) <= KEYS_LOGGED
 
 
