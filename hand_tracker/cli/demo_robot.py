@@ -21,6 +21,7 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
 from ..drawing.images import spread_rows
 from ..drawing.robot_picture import RobotPose, save_robot_animation, save_robot_picture
+from ..messages.joint_states import UNPUBLISHED
 from ..messages.stamps import nanoseconds
 from ..retargeting.robot_file import LoadedRobot
 from .robot_poses import robot_pose
@@ -48,6 +49,7 @@ class DrivenRobot:
         self.commands: dict[int, np.ndarray] = {}
         self._asked = self._command_time = 0.
         self._refusals: list[str] = []  # why the retarget node did not engage, each reason once
+        self.knows_tracker = False      # whether the retarget node has met the tracker
         self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
         self._engage = node.create_client(SetBool, 'retarget/engage')
         node.create_subscription(JointState, 'robot/command', self._on_command, 100)
@@ -79,6 +81,7 @@ class DrivenRobot:
 
     def _on_answer(self, answer: Future) -> None:
         response = answer.result()
+        self.knows_tracker = UNPUBLISHED not in response.message
         if not response.success and response.message not in self._refusals:
             self._refusals.append(response.message)
 

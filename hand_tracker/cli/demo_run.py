@@ -169,6 +169,9 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     # Now, while the nodes start: messages that come later would wait.
     first.load_kernels()
     _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
+    if robot is not None:
+        # On a busy machine DDS may take seconds longer until those two have met.
+        _wait_for('retarget node', processes[0], node, lambda: robot.knows_tracker)
     # Nothing is played before.
     listener.listen_to_markers()
     due = time.monotonic()

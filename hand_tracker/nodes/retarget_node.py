@@ -30,7 +30,7 @@ from ..core.model.hand import SIDES, Hand
 from ..core.numerics.jit import DEFERRED
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
-from ..messages.joint_states import JointPositions, JointStateReader
+from ..messages.joint_states import UNPUBLISHED, JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of, stands_still
 from ..messages.templates import Template
@@ -395,7 +395,7 @@ class RetargetNode(SubscriptionHidingNode):
         reason, self._hand_fault = act(now), ''
         if reason and not self.count_publishers(topic):
             self._hand_fault, self._faulty_reason = (
-                f"nobody publishes the hand's {topic}", guard.reason)
+                f'{UNPUBLISHED} {topic}', guard.reason)
             reason = f'{reason}; {self._hand_fault}'
         if self._wrist_outputs and not reason and not self._wrist.is_engaged:
             start = self._wrist_start(now)
