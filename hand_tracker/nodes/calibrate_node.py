@@ -112,7 +112,7 @@ class CalibrateNode(Node):
         if self._has_ended.is_set():
             return
         received = time.monotonic()
-        frame = read_or_warn(self._reader, message, self._monitor.warn_once)
+        frame = read_or_warn(self._reader, message, self._monitor.received_unreadable)
         if frame is None:
             return
         self._monitor.received(received, frame)

@@ -460,6 +460,13 @@ class RetargetNode(SubscriptionHidingNode):
             self._hand_fault if guard.reason == self._faulty_reason else '')
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
+    def _wrist_status(self) -> str:
+        """Return why the arm stays, or would stay if it were engaged; 'ok' where it would not."""
+        now = time.monotonic()
+        return (self._frame_fault or self._wrist_fault
+                or self._wrist.missing(self._wrist_start(now), now)
+                or ('held by the clutch' if self._is_clutched else 'ok'))
+
     def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""
         guard = self._teleoperation.guard
@@ -518,8 +525,7 @@ class RetargetNode(SubscriptionHidingNode):
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),
-            **({'wrist': self._frame_fault or self._wrist_fault or 'ok'}
-               if self._wrist_outputs else {})})
+            **({'wrist': self._wrist_status()} if self._wrist_outputs else {})})
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
 

@@ -48,6 +48,8 @@ from .tracker_parameters import (
 if TYPE_CHECKING:
     from .tracker_node import TrackerNode
 
+OTHER_CLOCK = 5.    # [s] that stamps may be off the node's time
+
 
 class TrackedHand:
     """Per-hand state of the tracker node.
@@ -126,6 +128,7 @@ class TrackedHand:
             qos['distal_flexion'])
         self._published: list[TrackedFrames] = []  # that are not monitored yet
         self._latest: tuple[Time, str, HandState] | None = None
+        self._compared_stamp: int | None = None     # with the node's time [ns]
         self.services = HandServices(node, self, start, layout, self._scope, self.topics)
 
     def listen_to(self, topic: str) -> None:
@@ -144,7 +147,7 @@ class TrackedHand:
         if self._has_new_settings:
             self._apply_settings()
         reader = self.stream.reader
-        markers = read_or_warn(reader, message, self._monitor.warn_once)
+        markers = read_or_warn(reader, message, self._monitor.received_unreadable)
         if (self._landmark_checks is not None and markers is not None
                 and isinstance(reader, MarkerReader)):
             self._landmark_checks.check(named_points(reader.points(message)))
@@ -200,6 +203,7 @@ class TrackedHand:
         self._warn_of_usual_shape()
         self._check_labels()
         self.stream.reader = self._new_reader()
+        self.stream.compile_labelling()
         self._node.disable_fast_path()
 
     def _check_labels(self) -> None:
@@ -296,9 +300,12 @@ class TrackedHand:
             self._node.get_logger().info('the labels of the markers are used again')
         if uses_labels_again or layout is not None:
             self._check_labels()
+        has_other_unit = former.unit_scale != self.settings.unit_scale
+        if has_other_unit:
+            self._forget_frames()
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)
-        if has_other_labels or former.unit_scale != self.settings.unit_scale:
+        if has_other_labels or has_other_unit:
             # The former frames were read as those of another hand.
             self.stream.learn_size_anew()
 
@@ -328,9 +335,12 @@ class TrackedHand:
 
     def reset(self) -> None:
         """Track as if no frame had come yet; only while none is tracked."""
+        self._forget_frames()
+        self.stream.reader = self._new_reader()
+
+    def _forget_frames(self) -> None:
         self._tracker.reset()
         self._point_labels.reset()
-        self.stream.reader = self._new_reader()
 
     # What it shows and logs
 
@@ -375,12 +385,27 @@ class TrackedHand:
 
     def publish_status(self, now: float) -> None:
         """Publish the status on /diagnostics."""
+        self._warn_of_other_clock()
         self._monitor.set_size(self.stream.size)
         self._monitor.set_calibration(self.services.progress())
         status = self._monitor.status(now, self._who_publishes)
         self._node.diagnostics.publish(diagnostics(
             self._node.now(), f'{self._node.get_name()}: {self.hand.side} hand', self._topic,
             status))
+
+    def _warn_of_other_clock(self) -> None:
+        """Warn once where new stamps are far from the node's time."""
+        stamp = None if self._latest is None else nanoseconds(self._latest[0])
+        if stamp is None or stamp == self._compared_stamp:
+            return
+        self._compared_stamp = stamp
+        ahead = 1e-9 * stamp - self._now()
+        if abs(ahead) > OTHER_CLOCK:
+            side = 'ahead of' if ahead > 0. else 'behind'
+            self._monitor.warn_once(
+                'clock', f"the markers' stamps are {abs(ahead):.0f} s {side} this clock, and so "
+                'are joint states, /tf and commands: synchronise the clocks, or, for a recording '
+                'that publishes /clock, set use_sim_time')
 
     def _who_publishes(self) -> str | None:
         return self._node.who_publishes(self._topic)

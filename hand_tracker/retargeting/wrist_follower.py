@@ -174,13 +174,13 @@ class WristFollower:
         turn = float((after.rotation * before.rotation.inv()).magnitude())
         return way > self.options.max_jump or turn > self.options.max_turn_jump
 
-    def engage(self, robot: WristPose | None, now: float) -> str:
-        """Let the robot's wrist follow from where it is; return why not, or nothing.
+    def missing(self, robot: WristPose | None, now: float) -> str:
+        """Return which pose is missing to follow, or nothing.
 
         Parameters
         ----------
         robot : WristPose or None
-            Where it is, in the frame of its base.
+            Where the robot's wrist is, in the frame of its base.
         now : float
             [s]
         """
@@ -188,6 +188,16 @@ class WristFollower:
             return "the pose of the robot's wrist is missing"
         if self._person is None or now - self._person_time > self.options.timeout:
             return "the pose of the person's wrist is missing"
+        return ''
+
+    def engage(self, robot: WristPose | None, now: float) -> str:
+        """Let the robot's wrist follow from where it is; return why not, or nothing.
+
+        Parameters are those of `missing`.
+        """
+        if missing := self.missing(robot, now):
+            return missing
+        assert robot is not None and self._person is not None
         self._sent, self._time, self._reference = robot, now, (self._person, robot)
         self._velocity = self._turn_rate = np.zeros(3)
         return ''

@@ -13,12 +13,15 @@ import numpy as np
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
-from .input_monitor import PALM_FAULTS, InputMonitor, StateRun
+from .input_monitor import BAD_FIT_RESIDUAL, PALM_FAULTS, InputMonitor, StateRun
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
 STATUS_GAP = .1     # [s] at least between two changes that are published
 FRAMES_KEPT = 10_000  # between two summaries of latency
 STAMP_GAP = 1.      # [s] between two stamps that counts as a pause, not as lost frames
+EVEN_STEP = .25     # [median steps] that even stamps may be off whole ones
+EVEN_SHARE = .75    # of the steps that may not be more, at least
+QUIET_AFTER = 1.    # [s] without markers before the tracking is no longer fine
 
 MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',
@@ -103,9 +106,7 @@ class LatencyStatistics:
         if forward.size:
             step = np.median(forward)
             self._late += int((latencies > step).sum())
-            whole = forward[forward < STAMP_GAP]
-            missing = int((np.round(whole / step) - 1.).clip(0).sum())
-            self._dropped += max(0, missing - self._left_out)
+            self._dropped += max(0, _missing(forward[forward < STAMP_GAP] / step) - self._left_out)
             self._left_out = 0
         self._latencies.clear()
         # The last stamp stays, as frames may be lost after it.
@@ -114,6 +115,17 @@ class LatencyStatistics:
         p50, p99, longest = (np.percentile(latencies, (50, 99, 100)).tolist() if latencies.size
                              else (np.nan,) * 3)
         return LatencySummary(p50, p99, longest, self._late, self._dropped)
+
+
+def _missing(periods: np.ndarray) -> int:
+    """Return how many frames are missing by the steps of stamps, (n,), in median steps.
+
+    None where the stamps are of no even rate: of bursts, or as irregular as a network's delays.
+    """
+    whole = np.round(periods)
+    missing = int((whole - 1.).clip(0).sum())
+    is_even = np.mean(np.abs(periods - whole) <= EVEN_STEP) >= EVEN_SHARE
+    return missing if is_even and missing <= len(periods) else 0
 
 
 class Diagnostics:
@@ -248,8 +260,12 @@ class Diagnostics:
         troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
                     if (markers := [self._input.labels.names[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
+        if (quiet := self._input.quiet_for(now)) > QUIET_AFTER:
+            troubles.append(f'no markers for {quiet:.1f} s')
         if self._input.label_doubt is not None:
             troubles.append(self._input.label_doubt)
+        if self._input.misfit > BAD_FIT_RESIDUAL:
+            troubles.append(f'{1e3 * self._input.misfit:.1f} mm off the hand on average')
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
 
 

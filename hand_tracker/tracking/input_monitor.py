@@ -130,6 +130,8 @@ class InputMonitor:
         Side of a hand from whose palm the fingers bend away.
     label_doubt : str or None
         Which labels look exchanged.
+    misfit : float
+        Distance of the markers from the hand, on average over the last `FIT_AFTER` of tracking [m].
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,
@@ -137,7 +139,7 @@ class InputMonitor:
         self.labels, self.names = labels, names
         self._topic = topic
         self._start = self._received = self._labelled = self._since = now
-        self._has_received = False
+        self._has_received, self._unreadable = False, ''
         self._palm: PalmState | None = None
         self._frame: MarkerFrame | None = None
         self._state: HandState | StateRun | None = None
@@ -148,7 +150,8 @@ class InputMonitor:
         self._is_off = False  # far off the hand for long
         self._announced: PalmState | str | None = None
         self._has_tracked = False
-        self._fit = FitStatistics()
+        self._fit, self.misfit = FitStatistics(), 0.
+        self._is_misfit = False  # far off the hand on average, though not in each frame
         self._stamp = NO_STAMP
         self._standing = 0
         self.bends_away_from: str | None = None
@@ -169,7 +172,13 @@ class InputMonitor:
         """
         if not self._has_received:
             self._labelled = now
+        former = '' if self._frame is None else self._frame.frame_id
         self._received, self._frame, self._has_received = now, frame, True
+        self._unreadable = ''
+        if former and frame.frame_id not in ('', former):
+            self.warn_once('other frame', f"the markers' frame changes from '{former}' to "
+                           f"'{frame.frame_id}', as if it were the same place; to leave others "
+                           f'out: {self.names.frame}')
         if frame.stamp is not None:
             self.received_alike(now, frame.stamp)
         for name in frame.foreign:
@@ -182,6 +191,11 @@ class InputMonitor:
                 cure += f'. If they are of two hands, {self.names.side.format(BOTH)} tracks both'
             self.warn_once(('doubled', slot), f'{self.labels.doubled(slot)}; the last one counts. '
                            f'{cure}')
+
+    def received_unreadable(self, key: Hashable, fault: str) -> None:
+        """Note a message that is none of markers, and why; warn as `warn_once`."""
+        self._unreadable = fault
+        self.warn_once(key, fault)
 
     def received_alike(self, now: float, stamp: Time) -> None:
         """Note messages with the signature of the last one.
@@ -226,7 +240,7 @@ class InputMonitor:
         elif self._off_since is None:
             self._off_since = now
         self._is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
-        if palm is PalmState.TRACKED and self.bends_away_from is None:
+        if palm is PalmState.TRACKED and self.bends_away_from is None and not self._is_off:
             self._fit.add(now, self._residual)
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
 
@@ -248,9 +262,14 @@ class InputMonitor:
     def restarted(self) -> None:
         """Note that time jumped back."""
         self._fault = None
+        self.forget_fit()
         self.warn_once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
                   'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
                   'old ones')
+
+    def forget_fit(self) -> None:
+        """Judge anew how well the hand fits, as of another one or by other labels."""
+        self._fit, self.misfit, self._is_misfit = FitStatistics(), 0., False
 
     def warn_once(self, key: Hashable, text: str) -> None:
         """Log a warning once for each key, for a bounded number of keys.
@@ -311,7 +330,11 @@ class InputMonitor:
     @property
     def is_wrong(self) -> bool:
         """Whether the markers are of the other hand, or far off the hand for long."""
-        return self.bends_away_from is not None or self._is_off
+        return self.bends_away_from is not None or self._is_off or self._is_misfit
+
+    def quiet_for(self, now: float) -> float:
+        """Return the time without a marker of the hand at a time `now` [s]."""
+        return now - self._labelled
 
     def situation(self, now: float) -> PalmState | str | None:
         """Return the situation of the input.
@@ -333,7 +356,7 @@ class InputMonitor:
             return 'unlabelled'
         if self.bends_away_from is not None:
             return 'mirrored'
-        if self._is_off:
+        if self._is_off or self._is_misfit:
             return 'off'
         return self._palm
 
@@ -356,7 +379,7 @@ class InputMonitor:
         if situation is None:
             return f'no markers on {self._topic} yet'
         if situation == 'silent':
-            why = publishers()
+            why = self._unreadable or publishers()
             if why is None:
                 why = ('what published them has ended' if self._has_received else
                        'nothing publishes them (a remapping, ROS_DOMAIN_ID?)')
@@ -368,7 +391,8 @@ class InputMonitor:
         if (fault := self.side_fault()) is not None and situation == 'mirrored':
             return fault
         if situation == 'off':
-            return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand, which '
+            miss = self._residual if self._is_off else self.misfit
+            return (f'the markers are on average {1e3 * miss:.0f} mm off the hand, which '
                     'is left out: wrong side, labels, layout or hand size (a hand file says it: '
                     f'{self.names.hand})?')
         if situation is PalmState.TRACKED:
@@ -431,6 +455,8 @@ class InputMonitor:
             return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
         if self._has_no_labels:
             return f'there are {self._frame.points_seen} points without labels'
+        if not self._frame.unknown and self._frame.doubled:
+            return '; '.join(map(self.labels.doubled, self._frame.doubled))
         if self._frame.unknown:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
         return 'there is no other point-like marker'
@@ -449,9 +475,12 @@ class InputMonitor:
                          if labels[slot] else names[slot] for slot in slots)
 
     def _judge_fit(self, least: float) -> None:
-        miss = self._fit.mean(least)
+        miss = self._fit.mean(min(least, FIT_AFTER_AT_END) if self._is_misfit else least)
+        if miss is None:
+            return
+        self.misfit, self._is_misfit = miss, miss > OFF_HAND_DISTANCE
         # What is farther off is another's hand, or mislabelled, and said as such.
-        if miss is not None and BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
+        if BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
             self.warn_once(
                 'fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
                 '1 to 2 mm are usual for one that was measured: its fingers may stay too '

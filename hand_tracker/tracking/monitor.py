@@ -172,6 +172,7 @@ class Monitor:
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
+        self._input.forget_fit()
 
     def check_labels(self, check: ExchangeCheck | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
@@ -183,6 +184,7 @@ class Monitor:
         if labels.labels != self._input.labels.labels:
             self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
             self._begin_label_check()
+            self._input.forget_fit()
         self._input.labels = labels
 
     @property
@@ -279,6 +281,10 @@ class Monitor:
     def warn_once(self, key: Hashable, text: str) -> None:
         """Log a warning once for each key."""
         self._input.warn_once(key, text)
+
+    def received_unreadable(self, key: Hashable, fault: str) -> None:
+        """Note a message that is none of markers, see `InputMonitor.received_unreadable`."""
+        self._input.received_unreadable(key, fault)
 
     def log_lines(self, now: float, publishers: Callable[[], str | None]) -> list[tuple[bool, str]]:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, OTHER_SIDE
 from ..core.model.marker_layout import PALM_MARKERS
-from ..core.model.states import are_seen
+from ..core.model.states import MarkerState
 from ..core.tracker import HandState
 from .setting_names import BAG_OPTION_NAMES, SettingNames
 
@@ -50,7 +50,8 @@ class SideCheck:
         time : float or None
             Of the frame [s].
         """
-        seen = are_seen(state.marker_states)
+        # Not under the label of another: with the labels of a mirrored palm put right it is none.
+        seen = state.marker_states == MarkerState.SEEN
         return self.add_markers(np.where(seen[:, None], state.markers, np.nan), time)
 
     def add_markers(self, positions: np.ndarray, time: float | None) -> bool | None:

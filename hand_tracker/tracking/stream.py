@@ -169,7 +169,8 @@ class Stream:
         self._blends = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
-        self._switches_kernels = False
+        self._labelling: Compilation | None = None  # of the kernels that label points
+        self._switches_kernels = self._awaits_labelling = False
         self._log_lines: list[tuple[bool, str]] = []
         self._reported: list[str] = []  # of the compilation
 
@@ -194,11 +195,28 @@ class Stream:
             loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
         if loaders:
             self.compilation = Compilation(loaders, program)
+        if LABELLING_SET in loaders:
+            self._labelling = self.compilation
+        if isinstance(self.reader, PointLabelReader):
+            self.compile_labelling()
+
+    def compile_labelling(self) -> None:
+        """Compile the kernels that label points, where they are missing: the reader needs them."""
+        if not LABELLING_IS_DEFERRED or self._awaits_labelling:
+            return
+        if self._labelling is None:
+            self._labelling = Compilation({LABELLING_SET: load_labelling_kernels})
+        elif LABELLING_SET in self._labelling.loaded:
+            return
+        self._awaits_labelling = True
+        self._log_lines.append((False, 'the kernels that label points are compiled in the '
+                                f'background for {COMPILE_TIME}; until then plain Python labels '
+                                'them, and most frames are left out'))
 
     def share_compilation(self, other: Stream) -> None:
         """Take over the kernels that another stream of this process has compiled."""
         self.compilation, self._switches_kernels = other.compilation, other._switches_kernels
-        self._reported = other._reported
+        self._labelling, self._reported = other._labelling, other._reported
 
     def _load_kernels(self, folder: Path) -> None:
         self.tracker.load_kernels(folder)
@@ -344,11 +362,16 @@ class Stream:
         lines, self._log_lines = self._log_lines, []
         if isinstance(self.reader, PointLabelReader):
             lines += self.reader.pop_log_lines()
-        if self.compilation is not None:
-            error = self.compilation.error and (
-                'the kernels could not be compiled, frames go on being tracked more slowly: '
-                f'{self.compilation.error}')
-            for line in self.compilation.unkept, error:
+        if (self._awaits_labelling and self._labelling is not None
+                and LABELLING_SET in self._labelling.loaded):
+            self._awaits_labelling = False
+            lines.append((False, 'compiled kernels label points now'))
+        for one in self.compilation, self._labelling:
+            if one is None:
+                continue
+            error = one.error and ('the kernels could not be compiled, frames go on being tracked '
+                                   f'more slowly: {one.error}')
+            for line in one.unkept, error:
                 if line is not None and line not in self._reported:
                     self._reported.append(line)
                     lines.append((True, line))
