@@ -478,6 +478,10 @@ class InputMonitor:
         miss = self._fit.mean(min(least, FIT_AFTER_AT_END) if self._is_misfit else least)
         if miss is None:
             return
+        if self._is_misfit and miss <= OFF_HAND_DISTANCE:
+            # Frames of before are in this mean, too.
+            self.forget_fit()
+            return
         self.misfit, self._is_misfit = miss, miss > OFF_HAND_DISTANCE
         # What is farther off is another's hand, or mislabelled, and said as such.
         if BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:

@@ -445,6 +445,7 @@ def test_an_arm_whose_pose_comes_later_stays_until_it_is_engaged_anew(robot):
     parameters = {'robot': robot, 'wrist.outputs': 'pose twist'}
     with NodeProcess(MODULE, parameters) as process, watching_node() as node:
         bench, arm = Bench(node), ArmBench(node)
+        node.spin_until(lambda: arm.said() and arm.said()[1].endswith("wrist is missing"))
         bench.start = robot_states(joints(), .05)
         bench.until_engaged()
         answer = bench.engage()
@@ -459,6 +460,10 @@ def test_an_arm_whose_pose_comes_later_stays_until_it_is_engaged_anew(robot):
         assert not arm.targets and not arm.twists
         node.repeat(bench.engage, lambda: arm.targets and arm.twists, .1)
         node.spin_until(lambda: arm.said()[1] == 'ok')
+        clutch = node.create_publisher(Bool, 'retarget/clutch', 1)
+        node.repeat(lambda: clutch.publish(Bool(data=True)),
+                    lambda: arm.said()[1] == 'held by the clutch', .1)
+        node.repeat(lambda: clutch.publish(Bool(data=False)), lambda: arm.said()[1] == 'ok', .1)
         bench.until('following')
         node.repeat(bench.engage, lambda: not is_at_rest(arm.twists[-1]), .1)
         # Its pose ends: as of a robot whose joint states end, nothing is moved any more.

@@ -643,6 +643,23 @@ def test_says_once_when_no_label_matches():
         assert not bench.joint_states
 
 
+def test_a_unit_is_judged_by_the_frames_read_in_it_and_so_is_another_clock():
+    frame = hand_at()
+    with tracking() as bench:
+        bench.meet(frame)
+        assert bench.set({'unit_scale': .001}).successful
+        del bench.joint_states[:]
+        bench.node.repeat(lambda: bench.send(frame), lambda: (
+            'palm markers are too close together for this hand: check unit_scale'
+            in bench.process.output), .02)
+        assert not bench.joint_states
+        assert bench.set({'unit_scale': 1.}).successful
+        bench.node.repeat(lambda: bench.send(frame), lambda: bench.joint_states, .02)
+        bench.node.repeat(lambda: bench.send(frame), lambda: (
+            'behind this clock, and so are joint states' in bench.process.output), .02)
+    assert len(lines(bench.process, 'behind this clock')) == 1
+
+
 def test_says_when_nothing_can_come_even_without_a_clock():
     with tracking({'use_sim_time': True}, BEST_EFFORT, environment=PLAIN_PYTHON) as bench:
         bench.process.wait_for_line('no markers on /markers for 3 s: /test publishes with best '

@@ -62,11 +62,11 @@ def run(program, cache, *arguments):
                           capture_output=True, text=True)
 
 
-def unfinished_cache(folder):
+def unfinished_cache(folder, unfinished=''):
     """Return a cache folder with the kernels of this process, and no word that they are whole."""
     if jit.CACHE_FOLDER is not None:
         shutil.copytree(jit.CACHE_FOLDER, folder / 'cache' / jit.CACHE_NAME,
-                        ignore=shutil.ignore_patterns('ready-*', 'lock-*'))
+                        ignore=shutil.ignore_patterns(f'ready-{unfinished}*', 'lock-*'))
     return folder / 'cache'
 
 
@@ -122,6 +122,41 @@ for kernel, calls in cloud_labeller.kernel_calls():
     loaded = jit.loaded_or_plain(kernel)
     assert loaded is not kernel and len(loaded.signatures) == len(calls), kernel
 """
+
+
+# Points are to be labelled by a stream that read labels at its start.
+LABEL_LATER = """
+import time
+from hand_tracker.core.numerics import jit
+from hand_tracker.core.point_labelling.following import follow_cloud
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.tracking.stream import Stream
+
+assert jit.LABELLING_IS_DEFERRED and not jit.DEFERRED
+stream = Stream(HandTracker(), MarkerReader(LabelMap()))
+stream.compile_in_background()
+assert stream.compilation is None
+lines = []
+while len(lines) < 2:
+    stream.compile_labelling()
+    lines += stream.pop_log_lines()
+    time.sleep(.01)
+assert jit.loaded_or_plain(follow_cloud) is not follow_cloud
+stream.compile_labelling()
+lines += stream.pop_log_lines()
+print(*lines, sep='\\n')
+"""
+
+
+@needs_numba
+def test_kernels_that_label_points_are_compiled_once_they_are_needed(tmp_path):
+    done = run(LABEL_LATER, unfinished_cache(tmp_path, jit.LABELLING_SET))
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert 'kernels that label points are compiled in the background' in first
+    assert 'compiled kernels label points now' in second
 
 
 @needs_numba

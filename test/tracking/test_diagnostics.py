@@ -8,8 +8,13 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.tracking.diagnostics import STATUS_GAP, Diagnostics, Level
-from hand_tracker.tracking.input_monitor import OFF_HAND_AFTER, SILENT_AFTER, InputMonitor
+from hand_tracker.tracking.diagnostics import QUIET_AFTER, STATUS_GAP, Diagnostics, Level
+from hand_tracker.tracking.input_monitor import (
+    FIT_AFTER,
+    OFF_HAND_AFTER,
+    SILENT_AFTER,
+    InputMonitor,
+)
 
 
 class Hand:
@@ -109,6 +114,20 @@ def test_markers_off_the_hand_are_an_error():
     status = hand.status(OFF_HAND_AFTER)
     assert status.level is Level.ERROR and '30 mm off the hand' in status.text
     assert status.values['mean residual [mm]'] == '30.00'
+
+
+def test_a_hand_that_fits_badly_and_markers_that_have_just_ended_are_warned_of():
+    hand, badly = Hand(), state_of()._replace(residuals=np.full(8, .008))
+    for i in range(int(10. * FIT_AFTER) + 2):
+        hand.feed(i / 10., badly)
+    now = i / 10.
+    assert hand.status(now)[:2] == (Level.OK, 'tracking')
+    hand.watch.report(now, str)
+    assert hand.status(now)[:2] == (Level.WARN, 'tracking; 8.0 mm off the hand on average')
+    hand.watch.forget_fit()
+    assert hand.status(now + QUIET_AFTER)[:2] == (Level.OK, 'tracking')
+    assert hand.status(now + QUIET_AFTER + .2)[:2] == (
+        Level.WARN, 'tracking; no markers for 1.2 s')
 
 
 def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():

@@ -17,6 +17,7 @@ from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.input_monitor import (
+    FIT_AFTER,
     OFF_HAND_AFTER,
     SENDS_NOTHING,
     SILENT_AFTER,
@@ -120,6 +121,46 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     assert then == pytest.approx(OFF_HAND_AFTER)
     hand.feed(10.)
     assert hand.watch.report(10., str) == [(False, 'tracking again')]
+
+
+def test_markers_far_off_on_average_are_not_tracked_though_some_frames_fit():
+    hand = Input()
+    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
+
+    def feed(start, *states):
+        """Take frames of a moving hand for longer than the fit is judged for."""
+        said = []
+        for i in range(int(20. * FIT_AFTER) + 20):
+            hand.watch.received(start + i / 20., frame())
+            hand.watch.tracked(start + i / 20., states[i % len(states)])
+            said += hand.said(start + i / 20.)
+        return said
+
+    first, second = feed(0., near, far)
+    assert first == 'tracking' and 'on average 18 mm off the hand, which is left out' in second
+    assert hand.watch.is_wrong
+    assert feed(20., state_of()) == ['tracking again']
+    assert not hand.watch.is_wrong
+
+
+def test_a_message_that_is_none_of_markers_is_named_while_no_other_comes():
+    hand = Input()
+    hand.watch.received_unreadable('malformed', 'left out: PoseArray of 20 poses')
+    assert hand.said(1.) == ['left out: PoseArray of 20 poses']
+    assert 'for 4 s: left out: PoseArray of 20 poses' in hand.watch.describe(4., 'silent', str)
+    hand.feed(5.)
+    assert 'for 4 s: nobody is there' in hand.watch.describe(
+        9., 'silent', lambda: 'nobody is there')
+
+
+def test_a_frame_that_changes_between_messages_is_said_once():
+    hand = Input()
+    said = []
+    for number, name in enumerate(('a', 'b', '', 'a', 'b')):
+        hand.watch.received(float(number), frame()._replace(frame_id=name))
+        said += hand.said(float(number))
+    line, = (line for line in said if 'frame changes' in line)
+    assert "from 'a' to 'b'" in line and 'mocap_frame' in line
 
 
 def test_says_nothing_of_markers_that_are_off_for_a_moment_or_while_the_palm_is_lost():

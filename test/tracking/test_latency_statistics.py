@@ -33,6 +33,20 @@ def test_frames_that_stamps_tell_are_missing():
     assert latency.summary().dropped == 9 + 3
 
 
+@pytest.mark.parametrize('stamps', [
+    [.083 * (i // 10) + 5e-4 * (i % 10) for i in range(600)],
+    np.cumsum(np.random.default_rng(1).exponential(1. / 120., 600)),
+    np.arange(600) / 120. + np.random.default_rng(1).uniform(0., 1. / 120., 600)],
+    ids=['bursts', 'by chance', 'late by up to a period'])
+def test_stamps_of_no_even_rate_tell_nothing_of_lost_frames(stamps):
+    latency = LatencyStatistics()
+    for number, stamp in enumerate(stamps):
+        latency.add(1e-4, stamp)
+        if not number % 120:
+            latency.summary()
+    assert latency.summary().dropped == 0
+
+
 def test_a_pause_repeated_stamps_and_a_jump_back_are_no_loss():
     latency = LatencyStatistics()
     for stamp in (1., 1. + STEP, 1. + 2. * STEP, 1. + 2. * STEP, 30., 30. + STEP, 5., 5. + STEP):

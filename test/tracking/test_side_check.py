@@ -10,7 +10,7 @@ from helpers.hands import from_pose_to_pose, hand_at, markers_of
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, OTHER_SIDE, Hand
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
-from hand_tracker.core.model.states import PREDICTED, SEEN
+from hand_tracker.core.model.states import PREDICTED, SEEN, SWAPPED
 from hand_tracker.tracking.side_check import SideCheck, recorded_side_fault
 
 RATE = 100.
@@ -33,6 +33,19 @@ def test_the_other_hand_is_found_within_two_seconds_and_the_own_never(seed):
         assert found_after(side, mine) is None
         assert found_after(other, mine) <= 2.
         assert found_after(side, mine * (1., 1., -1.)) <= 2.  # a mirrored axis
+
+
+def test_labels_put_right_make_no_other_hand_of_one_that_was_found():
+    frames = from_pose_to_pose(0) * LEFT_HAND_MIRROR
+    check, exchanged = SideCheck('right', MarkerLayout().principal), [0, 6, 2, 3, 4, 5, 1, 7]
+    verdicts = []
+    for number, frame in enumerate(np.concatenate((frames, frames[:, exchanged]))):
+        states = np.full(8, SEEN)
+        if number >= len(frames):
+            states[[1, 6]] = SWAPPED
+        verdicts.append(check.add(
+            SimpleNamespace(markers=frame, marker_states=states), number / RATE))
+    assert True in verdicts[:200] and False not in verdicts
 
 
 def test_a_hand_that_hardly_bends_is_found_by_its_thumb():
