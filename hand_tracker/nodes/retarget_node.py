@@ -521,7 +521,10 @@ class RetargetNode(SubscriptionHidingNode):
             self._wrist_fault or new_jumps or self._namesake_fault)
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
         status = Status(level, text, {
-            'state': guard.state.value, 'refused jumps': str(refused),
+            'state': guard.state.value,
+            'missing to engage': '' if guard.is_engaged else (
+                self._namesake_fault or guard.missing(time.monotonic()) or 'nothing'),
+            'refused jumps': str(refused),
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),

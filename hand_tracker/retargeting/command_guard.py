@@ -229,32 +229,45 @@ class CommandGuard:
         """Engage, whoever asks for it; return why not, or nothing."""
         if self.is_engaged and self.state is not GuardState.RELAXING:
             return ''
-        memory = self.memory
-        if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
-            return self._refuse('the deadman is not pressed (hold_to_engage)')
-        if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
-            return self._refuse('there is no hand to follow')
+        if missing := self.missing(now):
+            self._reason = missing
+            return missing
         if self.state is GuardState.RELAXING:
             self._go(GuardState.EASING, 'the hand is back, and it was engaged anew')
             return ''
-        start = self._rest
-        if self.options.require_robot_state:
-            if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
-                kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
-                return self._refuse(
-                    f"the robot's joint states are missing or {kind}{self._robot_fault()}")
-            start = memory.robot[:memory.joints]
-            beyond = np.maximum(self._lower - start, start - self._upper)
-            beyond /= self._per_radian
-            if beyond.max() > self.options.outside_limits:
-                joint = int(beyond.argmax())
-                return self._refuse(
-                    f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
-                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
+        memory = self.memory
+        start = memory.robot[:memory.joints] if self.options.require_robot_state else self._rest
         self._command[:] = np.clip(start, self._lower, self._upper)
         memory.velocity[:] = 0.
         memory.command_time[0] = now
         self._go(GuardState.EASING, "moving slowly to the person's pose")
+        return ''
+
+    def missing(self, now: float) -> str:
+        """Return what is missing to engage the robot, or nothing.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        memory = self.memory
+        if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
+            return 'the deadman is not pressed (hold_to_engage)'
+        if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
+            return 'there is no hand to follow'
+        if self.state is GuardState.RELAXING or not self.options.require_robot_state:
+            return ''
+        if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
+            kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
+            return f"the robot's joint states are missing or {kind}{self._robot_fault()}"
+        start = memory.robot[:memory.joints]
+        beyond = np.maximum(self._lower - start, start - self._upper)
+        beyond /= self._per_radian
+        if beyond.max() > self.options.outside_limits:
+            joint = int(beyond.argmax())
+            return (f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
+                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
         return ''
 
     def _robot_fault(self) -> str:
@@ -265,10 +278,6 @@ class CommandGuard:
         if fault == SAME_STAMP:
             return ': they have the same stamp again and again'
         return '' if fault == NO_FAULT else f': {self._names[fault]} is not finite'
-
-    def _refuse(self, reason: str) -> str:
-        self._reason = reason
-        return reason
 
     def press(self, now: float) -> str:
         """Press the deadman, which also engages; return why not, or nothing.

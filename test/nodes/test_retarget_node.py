@@ -114,6 +114,10 @@ def test_that_nobody_publishes_the_hand_is_told_to_who_engages(robot):
         assert answer.message == (
             "there is no hand to follow; nobody publishes the hand's /joint_states")
         process.wait_for_line(f'disengaged: {answer.message}')
+        told = node.collect(DiagnosticArray, '/diagnostics')
+        node.spin_until(lambda: told and [
+            one.value for one in told[-1].status[0].values if one.key == 'missing to engage'
+        ] == ['there is no hand to follow'])
         assert node.call(SetBool, 'retarget/engage', SetBool.Request(data=False)).success
         assert process.interrupt() == 0, process.output
         assert process.output.count('nobody publishes') == 1

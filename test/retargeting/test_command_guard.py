@@ -63,13 +63,16 @@ def test_nothing_moves_before_it_is_engaged():
 def test_without_a_hand_or_a_robot_it_is_not_engaged(hand, robot, reason):
     rig = Rig()
     rig.run(.1, hand=hand, robot=robot)
-    assert reason in rig.guard.engage(rig.now)
+    before, missing = rig.guard.reason, rig.guard.missing(rig.now)
+    assert rig.guard.reason == before       # nobody has asked to engage it
+    assert reason in missing and rig.guard.engage(rig.now) == missing
     assert reason in rig.guard.reason and rig.tick(hand=hand, robot=robot) is None
 
 
 def test_old_joint_states_are_no_start():
     rig = Rig()
     rig.tick()
+    assert rig.guard.missing(rig.now) == ''
     rig.run(1., robot=None)
     assert 'joint states are missing or old' in rig.guard.engage(rig.now)
 
