@@ -12,7 +12,8 @@ from .reporting import reporting
 @reporting
 def main(arguments: list[str] | None = None) -> int:
     """Make a packaged recording again."""
-    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
+    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__,
+                                     epilog='Topics are recorded by `ros2 bag record`.')
     parser.add_argument('--side', choices=tuple(PACKAGED_RECORDINGS), default='right',
                         help='of the hand, or both hands (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',

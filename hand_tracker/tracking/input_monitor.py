@@ -184,13 +184,19 @@ class InputMonitor:
         for name in frame.foreign:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                            f"frame '{frame.frame_id}' are tracked ({self.names.frame})")
-        for slot in frame.doubled:
-            precise = self.names.label.format(self.labels.names[slot])
-            cure = f'A more precise {precise} tells them apart'
-            if self.labels.labels[slot].isdecimal():
-                cure += f'. If they are of two hands, {self.names.side.format(BOTH)} tracks both'
-            self.warn_once(('doubled', slot), f'{self.labels.doubled(slot)}; the last one counts. '
-                           f'{cure}')
+        new = [slot for slot in frame.doubled if self._once.allows(('doubled', slot))]
+        if new:
+            self._pending.append(self._doubled_text(new))
+
+    def _doubled_text(self, slots: list[int]) -> str:
+        """Describe labels to which several markers of one message answer."""
+        slot, *others = slots
+        precise = self.names.label.format(self.labels.names[slot])
+        more = f', and so it is with {len(others)} more labels' if others else ''
+        cure = f'A more precise {precise} tells them apart'
+        if self.labels.labels[slot].isdecimal():
+            cure += f'. If they are of two hands, {self.names.side.format(BOTH)} tracks both'
+        return f'{self.labels.doubled(slot)}{more}; the last one counts. {cure}'
 
     def received_unreadable(self, key: Hashable, fault: str) -> None:
         """Note a message that is none of markers, and why; warn as `warn_once`."""
@@ -422,7 +428,12 @@ class InputMonitor:
     def side_fault(self) -> str | None:
         """Return why a hand is of the other side, or None."""
         side = self.bends_away_from
-        return None if side is None else side_fault(side, self.names)
+        if side is None:
+            return None
+        both = self._frame is not None and len(self._frame.doubled) > 1
+        return side_fault(side, self.names) + (
+            f'; markers of both hands are told apart with {self.names.side.format(BOTH)}'
+            if both else '')
 
     def why_never(self) -> str:
         """Explain why no frame at all was tracked.

@@ -341,6 +341,19 @@ def test_says_each_cause_once():
     assert sum("label '3' of index" in line for line in lines) == 1
 
 
+def test_says_in_a_line_that_markers_of_two_hands_have_each_label():
+    hand = Input()
+    for now in (0., .1):
+        hand.feed(now, doubled=tuple(range(8)))
+    line, _ = hand.said(.1)
+    assert "the label '0' of wrist, and so it is with 7 more labels; the last one counts" in line
+    hand.watch.bends_away_from = 'right'
+    assert hand.watch.side_fault().endswith(
+        'two are exchanged; markers of both hands are told apart with side:=both')
+    hand.feed(.2)
+    assert hand.watch.side_fault().endswith('two are exchanged')
+
+
 def test_says_a_bounded_number_of_causes():
     hand = Input()
     for i in range(1000):
