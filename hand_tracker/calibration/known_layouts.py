@@ -96,10 +96,10 @@ def has_both(recording: PointRecording, layouts: Sequence[LikelyLayout], name: s
 
 def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     """Return the probability of a right hand, by its labels and by its shape."""
-    by_shape = side_likelihood(recording, hand)
-    if not hand.side:
+    by_shape, side = side_likelihood(recording, hand), hand.side or recording.side
+    if not side:
         return by_shape
-    by_name = NAMED_SIDE if hand.side == 'right' else 1. - NAMED_SIDE
+    by_name = NAMED_SIDE if side == 'right' else 1. - NAMED_SIDE
     both = by_name * by_shape
     return both / (both + (1. - by_name) * (1. - by_shape))
 

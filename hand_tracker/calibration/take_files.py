@@ -118,6 +118,7 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         columns, own_side = _named_columns(recording, side, names or {})
         known = tuple(columns)
         points = recording.points[:, list(columns.values())].astype(float)
+    own_side = own_side or recording.side
     if side is None and not own_side:
         hand = HandPoints('', dict(zip(known, range(len(known)))))
         likelihood = side_likelihood(recording._replace(points=points), hand)

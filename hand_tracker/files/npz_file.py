@@ -12,6 +12,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..core.errors import HandTrackerError
+from ..core.model.hand import SIDES
 from ..core.model.layout_presets import LAYOUT_PRESETS
 from .point_recording import (
     MAX_POINT_BYTES,
@@ -144,7 +145,14 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     labels, points = buffer.finish()
     return PointRecording(
         path.name, 'npz', labels, points, rate if rate > 0. else np.nan, None, Axes(),
-        (*filter(None, (repeated,)), *beside), is_landmarks), Axes('m', 'z')
+        (*filter(None, (repeated,)), *beside), is_landmarks,
+        side=_side_of(fields.get('side'))), Axes('m', 'z')
+
+
+def _side_of(field: np.ndarray | None) -> str:
+    """Return the side that a field names, else nothing."""
+    side = str(field).lower()
+    return side if side in SIDES else ''
 
 
 def _layout_hint(names: Collection[str]) -> str:
@@ -166,5 +174,7 @@ def write_npz(path: Path, recording: PointRecording) -> None:
     labels = [label or f'unlabeled {i + 1}' for i, label in enumerate(recording.labels)]
     fields: dict[str, Any] = {points: recording.points, names: np.array(labels),
                               'rate_hz': np.array(recording.rate)}
+    if recording.side:
+        fields['side'] = np.array(recording.side)
     with open(path, 'wb') as file:
         np.savez(file, **fields)

@@ -134,6 +134,8 @@ class PointRecording(NamedTuple):
     said : Said
     origin : BagOrigin or None
         Of rosbag2 recordings.
+    side : str
+        Of the hand, where the file says it beside its labels; else empty.
     """
 
     name: str
@@ -147,6 +149,7 @@ class PointRecording(NamedTuple):
     is_landmarks: bool = False
     said: Said = Said()
     origin: BagOrigin | None = None
+    side: str = ''
 
     @property
     def seen(self) -> np.ndarray:

@@ -131,7 +131,12 @@ class PointBag(Bag):
             self._heads = [('hand', row) for row in range(recording.points.shape[1])]
             self._points = recording.points
         hand = self.hands[0]
-        if not hand.side and not self.has_labels and hand.layout.names == MARKERS:
+        if not hand.side and recording.side:
+            self.hands = (hand._replace(side=choice.side or recording.side),)
+            self.notes += ((f'a {recording.side} hand, as the file says (--side)',)
+                           if choice.side in (None, recording.side) else
+                           (f'the file says that it is a {recording.side} hand: is --side right?',))
+        elif not hand.side and not self.has_labels and hand.layout.names == MARKERS:
             if choice.finds_side:
                 self._find_side()
         elif not hand.side:

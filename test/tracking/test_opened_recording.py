@@ -203,6 +203,22 @@ def test_a_side_that_is_asked_for_counts_more_than_the_shape(tmp_path):
                  str(tmp_path / 'angles.csv')]) == 1
 
 
+@pytest.mark.parametrize('labelled', [True, False])
+def test_a_side_that_the_file_says_counts_more_than_the_shape(labelled, tmp_path):
+    right = hand_recording(1800)
+    names = tuple(label.partition('_')[2] for label in right.labels) if labelled else tuple(
+        map(str, range(8)))
+    write_recording(tmp_path / 'hand.npz', right._replace(labels=names, side='left'))
+    choice = MarkerChoice(has_labels=labelled, finds_side=True)
+    bag = PointBag(tmp_path / 'hand.npz', choice)
+    assert bag.hands[0].side == 'left'
+    assert 'a left hand, as the file says (--side)' in bag.notes
+    asked = PointBag(tmp_path / 'hand.npz', choice._replace(side='right'))
+    assert asked.hands[0].side == 'right'
+    if labelled:
+        assert 'the file says that it is a left hand: is --side right?' in asked.notes
+
+
 @pytest.mark.parametrize('name', ['take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'vicon.csv',
                                   'take.npz', 'bag.mcap'])
 def test_inspect_says_what_is_in_it_and_what_to_run(tracked, tmp_path, name, capsys, monkeypatch):
