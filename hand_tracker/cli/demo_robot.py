@@ -21,8 +21,8 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
 from ..drawing.images import spread_rows
 from ..drawing.robot_picture import RobotPose, save_robot_animation, save_robot_picture
-from ..messages.joint_states import UNPUBLISHED
 from ..messages.stamps import nanoseconds
+from ..nodes.topic_publishers import UNPUBLISHED
 from ..retargeting.robot_file import LoadedRobot
 from .robot_poses import robot_pose
 

@@ -16,8 +16,6 @@ from .cdr import ENCAPSULATION, LITTLE_ENDIAN, MalformedMessage
 from .stamps import Stamp
 
 STAMP_END = ENCAPSULATION + 8  # [bytes]
-# A retarget node's answer to who engages it before it has met the hand's tracker.
-UNPUBLISHED = "nobody publishes the hand's"
 
 
 class JointPositions(NamedTuple):

@@ -30,7 +30,7 @@ from ..core.model.hand import SIDES, Hand
 from ..core.numerics.jit import DEFERRED
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
-from ..messages.joint_states import UNPUBLISHED, JointPositions, JointStateReader
+from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of, stands_still
 from ..messages.templates import Template
@@ -54,7 +54,7 @@ from .message_types import imported_message
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, namesake_fault, refuse_unknown, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
-from .topic_publishers import full_name
+from .topic_publishers import UNPUBLISHED, full_name
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most
@@ -461,7 +461,7 @@ class RetargetNode(SubscriptionHidingNode):
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
     def _wrist_status(self) -> str:
-        """Return why the arm stays, or would stay if it were engaged; 'ok' where it would not."""
+        """Return which pose the arm lacks, engaged or not, or that it is held; else 'ok'."""
         now = time.monotonic()
         return (self._frame_fault or self._wrist_fault
                 or self._wrist.missing(self._wrist_start(now), now)

@@ -11,6 +11,8 @@ from ..tracking.input_monitor import SENDS_NOTHING, UNDISCOVERED
 
 # What rmw reports while discovery knows an endpoint but not yet its node.
 UNNAMED_NODE = '_NODE_NAME_UNKNOWN_'
+# In a retarget node's answer to who engages it before it has met the hand's tracker.
+UNPUBLISHED = "nobody publishes the hand's"
 
 
 def full_name(endpoint: TopicEndpointInfo) -> str | None:

@@ -129,6 +129,7 @@ class TrackedHand:
         self._published: list[TrackedFrames] = []  # that are not monitored yet
         self._latest: tuple[Time, str, HandState] | None = None
         self._compared_stamp: int | None = None     # with the node's time [ns]
+        self._is_of_other_clock = False
         self.services = HandServices(node, self, start, layout, self._scope, self.topics)
 
     def listen_to(self, topic: str) -> None:
@@ -203,7 +204,7 @@ class TrackedHand:
         self._warn_of_usual_shape()
         self._check_labels()
         self.stream.reader = self._new_reader()
-        self.stream.compile_labelling()
+        self.stream.compile_for_points()
         self._node.disable_fast_path()
 
     def _check_labels(self) -> None:
@@ -308,6 +309,8 @@ class TrackedHand:
         if has_other_labels or has_other_unit:
             # The former frames were read as those of another hand.
             self.stream.learn_size_anew()
+        if has_other_labels or has_other_unit or layout is not None:
+            self._monitor.forget_fit()
 
     def collect(self, take: LiveTake | None) -> None:
         """Collect frames for a calibration from the next one on; None to end that."""
@@ -394,13 +397,15 @@ class TrackedHand:
             status))
 
     def _warn_of_other_clock(self) -> None:
-        """Warn once where new stamps are far from the node's time."""
+        """Warn once where new stamps are far from the node's time, at two statuses in a row."""
         stamp = None if self._latest is None else nanoseconds(self._latest[0])
-        if stamp is None or stamp == self._compared_stamp:
+        now = self._now()
+        if stamp is None or stamp == self._compared_stamp or not now:
             return
         self._compared_stamp = stamp
-        ahead = 1e-9 * stamp - self._now()
-        if abs(ahead) > OTHER_CLOCK:
+        was_far, ahead = self._is_of_other_clock, 1e-9 * stamp - now
+        self._is_of_other_clock = abs(ahead) > OTHER_CLOCK
+        if was_far and self._is_of_other_clock:
             side = 'ahead of' if ahead > 0. else 'behind'
             self._monitor.warn_once(
                 'clock', f"the markers' stamps are {abs(ahead):.0f} s {side} this clock, and so "

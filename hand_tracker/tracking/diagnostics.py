@@ -21,6 +21,7 @@ FRAMES_KEPT = 10_000  # between two summaries of latency
 STAMP_GAP = 1.      # [s] between two stamps that counts as a pause, not as lost frames
 EVEN_STEP = .25     # [median steps] that even stamps may be off whole ones
 EVEN_SHARE = .75    # of the steps that may not be more, at least
+FEW_GAPS = 2        # in `STATUS_PERIOD`, of any length
 QUIET_AFTER = 1.    # [s] without markers before the tracking is no longer fine
 
 MARKER_TROUBLES = {
@@ -120,12 +121,14 @@ class LatencyStatistics:
 def _missing(periods: np.ndarray) -> int:
     """Return how many frames are missing by the steps of stamps, (n,), in median steps.
 
-    None where the stamps are of no even rate: of bursts, or as irregular as a network's delays.
+    0 where the stamps are of no even rate: of bursts, or as irregular as a network's delays.
     """
     whole = np.round(periods)
-    missing = int((whole - 1.).clip(0).sum())
-    is_even = np.mean(np.abs(periods - whole) <= EVEN_STEP) >= EVEN_SHARE
-    return missing if is_even and missing <= len(periods) else 0
+    is_even = (np.abs(periods - whole) <= EVEN_STEP).sum() >= EVEN_SHARE * len(periods)
+    missing = (whole - 1.).clip(0)
+    # Bursts have more gaps than an outage or two, wider than all else.
+    is_likely = missing.sum() <= len(periods) or (missing > 0.).sum() <= FEW_GAPS
+    return int(missing.sum()) if is_even and is_likely else 0
 
 
 class Diagnostics:

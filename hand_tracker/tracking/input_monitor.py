@@ -37,6 +37,8 @@ OFF_HAND_AFTER = 2.  # [s] before more than that is said
 BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
 FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
 FIT_AFTER_AT_END = 2.  # [s]
+# A hand far off on average is tracked again once it is nearer than FITS_AGAIN for REFIT_AFTER.
+REFIT_AFTER, FITS_AGAIN = 2., .010     # [s, m]; ours
 FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
@@ -214,7 +216,7 @@ class InputMonitor:
             Of that one.
         """
         self._received = self._labelled = now
-        self._has_received = True
+        self._has_received, self._unreadable = True, ''
         stands = seconds(stamp) is not None and is_repeated(
             stamp.sec, stamp.nanosec, *self._stamp)
         self._standing = self._standing + 1 if stands else 0
@@ -246,7 +248,8 @@ class InputMonitor:
         elif self._off_since is None:
             self._off_since = now
         self._is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
-        if palm is PalmState.TRACKED and self.bends_away_from is None and not self._is_off:
+        if (palm is PalmState.TRACKED and self.bends_away_from is None and not self._is_off
+                and not math.isnan(residual)):
             self._fit.add(now, self._residual)
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
 
@@ -263,12 +266,17 @@ class InputMonitor:
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
-        self._judge_fit(FIT_AFTER_AT_END)
+        miss = self._fit.mean(FIT_AFTER_AT_END)
+        if miss is None:
+            return
+        self._note_fit(miss)
+        if miss > OFF_HAND_DISTANCE and not self.is_wrong:
+            self.warn_once('fit', f'the markers are on average {1e3 * miss:.0f} mm off the hand: '
+                           f'{self._why_off}?')
 
     def restarted(self) -> None:
         """Note that time jumped back."""
         self._fault = None
-        self.forget_fit()
         self.warn_once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
                   'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
                   'old ones')
@@ -307,7 +315,7 @@ class InputMonitor:
         """
         if self._started is not None and now - self._started >= NEVER_SEEN_AFTER:
             self._name_the_never_seen()
-        self._judge_fit(FIT_AFTER)
+        self._judge_fit()
         lines = [(True, text) for text in self._pending]
         self._pending = []
         situation, who = self.situation(now), None
@@ -362,7 +370,7 @@ class InputMonitor:
             return 'unlabelled'
         if self.bends_away_from is not None:
             return 'mirrored'
-        if self._is_off or self._is_misfit:
+        if self._is_off or self._is_misfit and self._palm is PalmState.TRACKED:
             return 'off'
         return self._palm
 
@@ -385,7 +393,9 @@ class InputMonitor:
         if situation is None:
             return f'no markers on {self._topic} yet'
         if situation == 'silent':
-            why = self._unreadable or publishers()
+            why = publishers()
+            if self._unreadable:
+                why = '; '.join(filter(None, (self._unreadable, why)))
             if why is None:
                 why = ('what published them has ended' if self._has_received else
                        'nothing publishes them (a remapping, ROS_DOMAIN_ID?)')
@@ -399,8 +409,7 @@ class InputMonitor:
         if situation == 'off':
             miss = self._residual if self._is_off else self.misfit
             return (f'the markers are on average {1e3 * miss:.0f} mm off the hand, which '
-                    'is left out: wrong side, labels, layout or hand size (a hand file says it: '
-                    f'{self.names.hand})?')
+                    f'is left out: {self._why_off}?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
@@ -424,6 +433,11 @@ class InputMonitor:
 
     def _what_to_check(self) -> str:
         return f'check {self.names.scale}, the size of the hand and {self.names.labels}'
+
+    @property
+    def _why_off(self) -> str:
+        return ('wrong side, labels, layout or hand size (a hand file says it: '
+                f'{self.names.hand})')
 
     def side_fault(self) -> str | None:
         """Return why a hand is of the other side, or None."""
@@ -466,10 +480,10 @@ class InputMonitor:
             return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
         if self._has_no_labels:
             return f'there are {self._frame.points_seen} points without labels'
-        if not self._frame.unknown and self._frame.doubled:
-            return '; '.join(map(self.labels.doubled, self._frame.doubled))
         if self._frame.unknown:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
+        if self._frame.doubled:
+            return '; '.join(map(self.labels.doubled, self._frame.doubled))
         return 'there is no other point-like marker'
 
     def _palm_slots(self) -> np.ndarray:
@@ -485,15 +499,21 @@ class InputMonitor:
         return ', '.join(self.names.marker.format(label=labels[slot], name=names[slot])
                          if labels[slot] else names[slot] for slot in slots)
 
-    def _judge_fit(self, least: float) -> None:
-        miss = self._fit.mean(min(least, FIT_AFTER_AT_END) if self._is_misfit else least)
+    def _judge_fit(self) -> None:
+        miss = self._fit.mean(REFIT_AFTER if self._is_misfit else FIT_AFTER)
         if miss is None:
             return
-        if self._is_misfit and miss <= OFF_HAND_DISTANCE:
-            # Frames of before are in this mean, too.
-            self.forget_fit()
-            return
-        self.misfit, self._is_misfit = miss, miss > OFF_HAND_DISTANCE
+        if not self._is_misfit:
+            self._is_misfit = miss > OFF_HAND_DISTANCE
+            self._note_fit(miss)
+        elif miss <= FITS_AGAIN:
+            self.forget_fit()   # frames of before count in this mean
+        else:
+            self.misfit = miss
+
+    def _note_fit(self, miss: float) -> None:
+        """Note how far the markers are off the hand on average [m]; warn of a bad fit."""
+        self.misfit = miss
         # What is farther off is another's hand, or mislabelled, and said as such.
         if BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
             self.warn_once(

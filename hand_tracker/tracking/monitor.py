@@ -172,7 +172,6 @@ class Monitor:
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
-        self._input.forget_fit()
 
     def check_labels(self, check: ExchangeCheck | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
@@ -184,8 +183,11 @@ class Monitor:
         if labels.labels != self._input.labels.labels:
             self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
             self._begin_label_check()
-            self._input.forget_fit()
         self._input.labels = labels
+
+    def forget_fit(self) -> None:
+        """Judge the fit of the hand anew: of another one, by other labels or in another unit."""
+        self._input.forget_fit()
 
     @property
     def is_wrong(self) -> bool:

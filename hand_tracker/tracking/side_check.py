@@ -9,7 +9,8 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, OTHER_SIDE
 from ..core.model.marker_layout import PALM_MARKERS
-from ..core.model.states import MarkerState
+from ..core.model.states import SEEN, are_seen
+from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from .setting_names import BAG_OPTION_NAMES, SettingNames
 
@@ -19,6 +20,7 @@ BEYOND_PALM = .035
 LEAST_FINGERS = 3       # seen fingers beyond the palm's plane, at least
 LEAST_BENT = .4         # [s] of digits beyond the palm for a verdict
 GREATEST_STEP = .25     # [s] longest time that one frame counts for
+FITS = .010             # [m] mean residual of a frame whose labels may be put right, at most; ours
 MINOR_SHARE = .25       # largest ratio of the times on the two sides for a verdict
 MEMORY = 1.             # [s] bound of these times, so that a verdict can change. Ours
 
@@ -50,8 +52,9 @@ class SideCheck:
         time : float or None
             Of the frame [s].
         """
-        # Not under the label of another: with the labels of a mirrored palm put right it is none.
-        seen = state.marker_states == MarkerState.SEEN
+        states = state.marker_states
+        # Labels of a mirrored palm, put right, make one of this side that does not fit.
+        seen = are_seen(states) if mean_residual(state.residuals) <= FITS else states == SEEN
         return self.add_markers(np.where(seen[:, None], state.markers, np.nan), time)
 
     def add_markers(self, positions: np.ndarray, time: float | None) -> bool | None:

@@ -198,9 +198,9 @@ class Stream:
         if LABELLING_SET in loaders:
             self._labelling = self.compilation
         if isinstance(self.reader, PointLabelReader):
-            self.compile_labelling()
+            self.compile_for_points()
 
-    def compile_labelling(self) -> None:
+    def compile_for_points(self) -> None:
         """Compile the kernels that label points, where they are missing: the reader needs them."""
         if not LABELLING_IS_DEFERRED or self._awaits_labelling:
             return
@@ -209,9 +209,10 @@ class Stream:
         elif LABELLING_SET in self._labelling.loaded:
             return
         self._awaits_labelling = True
-        self._log_lines.append((False, 'the kernels that label points are compiled in the '
-                                f'background for {COMPILE_TIME}; until then plain Python labels '
-                                'them, and most frames are left out'))
+        if not DEFERRED:    # else that was said
+            self._log_lines.append((False, 'the kernels that label points are compiled in the '
+                                    f'background for {COMPILE_TIME}; until then plain Python '
+                                    'labels them, and most frames are left out'))
 
     def share_compilation(self, other: Stream) -> None:
         """Take over the kernels that another stream of this process has compiled."""

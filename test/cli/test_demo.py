@@ -253,6 +253,23 @@ def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node
     np.testing.assert_allclose(received.angles, short.angles[[2, 3, 7]])
 
 
+def test_the_demo_waits_until_the_robots_node_has_met_the_tracker(node):
+    from rclpy.task import Future
+    from std_srvs.srv import SetBool
+
+    from hand_tracker.cli.demo_robot import DrivenRobot
+
+    robot = DrivenRobot(node, load_robot('plain'))
+    assert not robot.knows_tracker
+    for reason, is_known in (
+            ("there is no hand; nobody publishes the hand's /joint_states", False),
+            ('there is no hand', True), ('', True)):
+        answer = Future()
+        answer.set_result(SetBool.Response(success=not reason, message=reason))
+        robot._on_answer(answer)
+        assert robot.knows_tracker == is_known
+
+
 def test_the_robot_that_got_no_command_says_why_it_was_not_engaged(node, tmp_path):
     from rclpy.task import Future
     from std_srvs.srv import SetBool

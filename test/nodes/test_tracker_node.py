@@ -643,10 +643,11 @@ def test_says_once_when_no_label_matches():
         assert not bench.joint_states
 
 
-def test_a_unit_is_judged_by_the_frames_read_in_it_and_so_is_another_clock():
+def test_a_unit_that_is_set_at_run_time_is_judged_by_the_frames_read_in_it():
     frame = hand_at()
     with tracking() as bench:
         bench.meet(frame)
+        bench.answer(frame)
         assert bench.set({'unit_scale': .001}).successful
         del bench.joint_states[:]
         bench.node.repeat(lambda: bench.send(frame), lambda: (
@@ -655,8 +656,17 @@ def test_a_unit_is_judged_by_the_frames_read_in_it_and_so_is_another_clock():
         assert not bench.joint_states
         assert bench.set({'unit_scale': 1.}).successful
         bench.node.repeat(lambda: bench.send(frame), lambda: bench.joint_states, .02)
+
+
+def test_stamps_of_another_clock_are_said_once():
+    frame = hand_at()
+    with tracking() as bench:
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+        bench.meet(frame)
         bench.node.repeat(lambda: bench.send(frame), lambda: (
             'behind this clock, and so are joint states' in bench.process.output), .02)
+        del told[:]
+        bench.node.repeat(lambda: bench.send(frame), lambda: len(told) > 2, .02)
     assert len(lines(bench.process, 'behind this clock')) == 1
 
 

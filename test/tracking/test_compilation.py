@@ -140,11 +140,11 @@ stream.compile_in_background()
 assert stream.compilation is None
 lines = []
 while len(lines) < 2:
-    stream.compile_labelling()
+    stream.compile_for_points()
     lines += stream.pop_log_lines()
     time.sleep(.01)
 assert jit.loaded_or_plain(follow_cloud) is not follow_cloud
-stream.compile_labelling()
+stream.compile_for_points()
 lines += stream.pop_log_lines()
 print(*lines, sep='\\n')
 """
@@ -152,7 +152,10 @@ print(*lines, sep='\\n')
 
 @needs_numba
 def test_kernels_that_label_points_are_compiled_once_they_are_needed(tmp_path):
-    done = run(LABEL_LATER, unfinished_cache(tmp_path, jit.LABELLING_SET))
+    cache = unfinished_cache(tmp_path, jit.LABELLING_SET)
+    subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET], check=True, env={
+        **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache)})
+    done = run(LABEL_LATER, cache)
     assert done.returncode == 0, done.stderr
     first, second = done.stdout.splitlines()
     assert 'kernels that label points are compiled in the background' in first

@@ -19,6 +19,7 @@ from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.input_monitor import (
     FIT_AFTER,
     OFF_HAND_AFTER,
+    REFIT_AFTER,
     SENDS_NOTHING,
     SILENT_AFTER,
     STANDING_STAMPS,
@@ -123,24 +124,56 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     assert hand.watch.report(10., str) == [(False, 'tracking again')]
 
 
+def feed_by_turns(hand, start, seconds, *states):
+    """Take frames of a moving hand at 20 Hz, with these states in turn; return what is said."""
+    said = []
+    for i in range(round(20. * seconds)):
+        hand.watch.received(start + i / 20., frame())
+        hand.watch.tracked(start + i / 20., states[i % len(states)])
+        said += hand.said(start + i / 20.)
+    return said
+
+
 def test_markers_far_off_on_average_are_not_tracked_though_some_frames_fit():
     hand = Input()
     near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
 
-    def feed(start, *states):
-        """Take frames of a moving hand for longer than the fit is judged for."""
-        said = []
-        for i in range(int(20. * FIT_AFTER) + 20):
-            hand.watch.received(start + i / 20., frame())
-            hand.watch.tracked(start + i / 20., states[i % len(states)])
-            said += hand.said(start + i / 20.)
-        return said
-
-    first, second = feed(0., near, far)
+    first, second = feed_by_turns(hand, 0., 1.1 * FIT_AFTER, near, far)
     assert first == 'tracking' and 'on average 18 mm off the hand, which is left out' in second
     assert hand.watch.is_wrong
-    assert feed(20., state_of()) == ['tracking again']
+    assert feed_by_turns(hand, 20., 1.1 * FIT_AFTER, state_of()) == ['tracking again']
     assert not hand.watch.is_wrong
+
+
+def test_a_hand_far_off_is_taken_back_once_it_fits_for_two_seconds_not_for_a_moment():
+    hand = Input()
+    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
+    feed_by_turns(hand, 0., 2. * FIT_AFTER, near, far)
+    feed_by_turns(hand, 2. * FIT_AFTER, .8 * REFIT_AFTER, near)
+    assert hand.watch.is_wrong
+    now = 2. * FIT_AFTER + .8 * REFIT_AFTER
+    # With the palm lost that is what is said.
+    hand.fare(now, PalmState.LOST)
+    assert hand.watch.situation(now) is PalmState.LOST and hand.watch.is_wrong
+    feed_by_turns(hand, now, 2. * REFIT_AFTER, state_of())
+    assert not hand.watch.is_wrong
+
+
+def test_a_recording_that_ends_far_off_says_so_and_not_that_it_was_left_out():
+    hand = Input()
+    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
+    feed_by_turns(hand, 0., .5 * FIT_AFTER, near, far)
+    hand.watch.ended()
+    line, = hand.said(.5 * FIT_AFTER)
+    assert '18 mm off the hand: wrong side' in line and 'left out' not in line
+
+
+def test_names_in_the_namespace_are_told_where_the_palm_is_waited_for():
+    hand = Input()
+    hand.watch.received(0., frame(hidden(1, 2), doubled=(0,)))
+    hand.watch.tracked(0., state_of(PalmState.WAITING))
+    assert "not seen yet '1' (index_mcp), '2' (little_mcp)" in hand.watch.why_never()
+    assert "several markers of one message answer to the label '0'" in hand.watch.why_never()
 
 
 def test_a_message_that_is_none_of_markers_is_named_while_no_other_comes():

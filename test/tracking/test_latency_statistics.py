@@ -33,6 +33,22 @@ def test_frames_that_stamps_tell_are_missing():
     assert latency.summary().dropped == 9 + 3
 
 
+def test_an_outage_between_even_stamps_is_counted_however_long():
+    latency = LatencyStatistics()
+    for i in range(100):
+        if not 30 <= i < 95:
+            latency.add(1e-4, i * STEP)
+    assert latency.summary().dropped == 65
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_frame_after_a_pause_alone_is_no_loss():
+    latency = LatencyStatistics()
+    for stamp in (1., 3.):
+        latency.add(1e-4, stamp)
+    assert latency.summary().dropped == 0
+
+
 @pytest.mark.parametrize('stamps', [
     [.083 * (i // 10) + 5e-4 * (i % 10) for i in range(600)],
     np.cumsum(np.random.default_rng(1).exponential(1. / 120., 600)),

@@ -10,7 +10,9 @@ from helpers.hands import from_pose_to_pose, hand_at, markers_of
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, OTHER_SIDE, Hand
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
-from hand_tracker.core.model.states import PREDICTED, SEEN, SWAPPED
+from hand_tracker.core.model.states import PREDICTED, SEEN
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking.side_check import SideCheck, recorded_side_fault
 
 RATE = 100.
@@ -20,8 +22,9 @@ HAND = Hand.scaled()
 def found_after(side, frames):
     """Return the time after which the side was found to be wrong, None where it was not."""
     check = SideCheck(side, MarkerLayout().principal)
-    states = (SimpleNamespace(markers=np.nan_to_num(frame), marker_states=np.where(
-        np.isnan(frame[:, 0]), PREDICTED, SEEN)) for frame in frames)
+    states = (SimpleNamespace(
+        markers=np.nan_to_num(frame), residuals=np.zeros(len(frame)),
+        marker_states=np.where(np.isnan(frame[:, 0]), PREDICTED, SEEN)) for frame in frames)
     return next((n / RATE for n, state in enumerate(states) if check.add(state, n / RATE)), None)
 
 
@@ -35,17 +38,30 @@ def test_the_other_hand_is_found_within_two_seconds_and_the_own_never(seed):
         assert found_after(side, mine * (1., 1., -1.)) <= 2.  # a mirrored axis
 
 
-def test_labels_put_right_make_no_other_hand_of_one_that_was_found():
-    frames = from_pose_to_pose(0) * LEFT_HAND_MIRROR
-    check, exchanged = SideCheck('right', MarkerLayout().principal), [0, 6, 2, 3, 4, 5, 1, 7]
-    verdicts = []
-    for number, frame in enumerate(np.concatenate((frames, frames[:, exchanged]))):
-        states = np.full(8, SEEN)
-        if number >= len(frames):
-            states[[1, 6]] = SWAPPED
-        verdicts.append(check.add(
-            SimpleNamespace(markers=frame, marker_states=states), number / RATE))
-    assert True in verdicts[:200] and False not in verdicts
+def verdicts(side, frames, rate):
+    """Return the verdict of each frame of markers as a tracker of that side has them."""
+    tracker, check = HandTracker(Hand.scaled(side=side)), SideCheck(side, MarkerLayout().principal)
+    return [check.add(tracker.update(frame, n / rate), n / rate) for n, frame in enumerate(frames)]
+
+
+def test_labels_of_a_mirrored_palm_that_are_put_right_do_not_undo_the_verdict():
+    rate, left = 120., Hand.scaled(side='left')
+    angles, *wrist = motion_named('demo', left, 7).sample(np.arange(0., 14., 1. / rate))
+    frames = markers_of(left, angles, None, *wrist)
+    found = verdicts('right', frames, rate)
+    # The tracker exchanges index_mcp and little after 12.9 s.
+    assert True in found[:60] and False not in found
+
+
+@pytest.mark.parametrize('exchanged', [(0, 1), (0, 2), (1, 2)])
+def test_labels_of_a_hand_that_fits_are_put_right_for_the_verdict(exchanged):
+    frames = np.concatenate([from_pose_to_pose(seed) for seed in range(5)])
+    mirrored = frames[:200] * LEFT_HAND_MIRROR
+    swapped = np.arange(8)
+    swapped[list(exchanged)] = swapped[list(exchanged)[::-1]]
+    found = verdicts('right', np.concatenate((mirrored, frames[:, swapped])), RATE)
+    assert True in found[:200]
+    assert False in found[200:] and True not in found[-500:]
 
 
 def test_a_hand_that_hardly_bends_is_found_by_its_thumb():
