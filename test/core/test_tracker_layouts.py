@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.capture_files import capture_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -188,3 +189,18 @@ def test_a_digit_with_one_marker_is_solved_in_closed_form_among_others_with_more
     for frame in frames:
         assert np.array_equal(one.update(frame[:8]).angles[rows],
                               many.update(frame).angles[rows])
+
+
+@pytest.mark.parametrize('task', range(1, 8))
+def test_real_markers_of_a_preset_are_tracked_with_the_mean_hand(task):
+    """Before anybody is calibrated: no label is doubted, and all markers are near."""
+    capture, layout = np.load(capture_path(f'kyutech_s1__trial4_task{task}')), preset_layout(
+        'kyutech23')
+    names = capture['marker_names'].tolist()
+    frames = capture['markers'][:, [names.index(name) for name in layout.names]]
+    tracker, residuals = HandTracker(HAND, layout), []
+    for number, markers in enumerate(frames):
+        state = tracker.update(markers, number / float(capture['rate_hz']))
+        assert (state.marker_states == MarkerState.SEEN).all()
+        residuals.append(np.nanmean(state.residuals))
+    assert np.mean(residuals) < .007
