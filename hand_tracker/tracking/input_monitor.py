@@ -403,7 +403,7 @@ class InputMonitor:
         if situation == 'unlabelled':
             found = filter(None, (self._others(), self._wanted(range(len(self.labels.names)))))
             return (f'messages on {self._topic} have held no marker of the hand for '
-                    f'{now - self._labelled:.0f} s: {"; ".join(found)}')
+                    f'{self.quiet_for(now):.0f} s: {"; ".join(found)}')
         if (fault := self.side_fault()) is not None and situation == 'mirrored':
             return fault
         if situation == 'off':

@@ -253,10 +253,17 @@ def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node
     np.testing.assert_allclose(received.angles, short.angles[[2, 3, 7]])
 
 
-def test_the_demo_waits_until_the_robots_node_has_met_the_tracker(node):
+def answer(robot, reason):
+    """Give a robot the answer of its node to being engaged: why it is not, or nothing."""
     from rclpy.task import Future
     from std_srvs.srv import SetBool
 
+    future = Future()
+    future.set_result(SetBool.Response(success=not reason, message=reason))
+    robot._on_answer(future)
+
+
+def test_the_demo_waits_until_the_robots_node_has_met_the_tracker(node):
     from hand_tracker.cli.demo_robot import DrivenRobot
 
     robot = DrivenRobot(node, load_robot('plain'))
@@ -264,23 +271,16 @@ def test_the_demo_waits_until_the_robots_node_has_met_the_tracker(node):
     for reason, is_known in (
             ("there is no hand; nobody publishes the hand's /joint_states", False),
             ('there is no hand', True), ('', True)):
-        answer = Future()
-        answer.set_result(SetBool.Response(success=not reason, message=reason))
-        robot._on_answer(answer)
+        answer(robot, reason)
         assert robot.knows_tracker == is_known
 
 
 def test_the_robot_that_got_no_command_says_why_it_was_not_engaged(node, tmp_path):
-    from rclpy.task import Future
-    from std_srvs.srv import SetBool
-
     from hand_tracker.cli.demo_robot import DrivenRobot
 
     robot = DrivenRobot(node, load_robot('plain'))
     for reason in ('its joint states are missing', '', 'there is no hand', 'there is no hand'):
-        answer = Future()
-        answer.set_result(SetBool.Response(success=not reason, message=reason))
-        robot._on_answer(answer)
+        answer(robot, reason)
     with pytest.raises(HandTrackerError, match='no command: its joint states are missing; '
                        'there is no hand$'):
         robot.save(tmp_path, Hand.scaled(), np.empty(0, dtype=int), np.empty((0, len(JOINTS))))

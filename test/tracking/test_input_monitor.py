@@ -124,6 +124,10 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     assert hand.watch.report(10., str) == [(False, 'tracking again')]
 
 
+# Off the hand by less than ends the tracking of one frame, and by more; on average by more.
+NEAR, FAR = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
+
+
 def feed_by_turns(hand, start, seconds, *states):
     """Take frames of a moving hand at 20 Hz, with these states in turn; return what is said."""
     said = []
@@ -136,9 +140,7 @@ def feed_by_turns(hand, start, seconds, *states):
 
 def test_markers_far_off_on_average_are_not_tracked_though_some_frames_fit():
     hand = Input()
-    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
-
-    first, second = feed_by_turns(hand, 0., 1.1 * FIT_AFTER, near, far)
+    first, second = feed_by_turns(hand, 0., 1.1 * FIT_AFTER, NEAR, FAR)
     assert first == 'tracking' and 'on average 18 mm off the hand, which is left out' in second
     assert hand.watch.is_wrong
     assert feed_by_turns(hand, 20., 1.1 * FIT_AFTER, state_of()) == ['tracking again']
@@ -147,9 +149,8 @@ def test_markers_far_off_on_average_are_not_tracked_though_some_frames_fit():
 
 def test_a_hand_far_off_is_taken_back_once_it_fits_for_two_seconds_not_for_a_moment():
     hand = Input()
-    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
-    feed_by_turns(hand, 0., 2. * FIT_AFTER, near, far)
-    feed_by_turns(hand, 2. * FIT_AFTER, .8 * REFIT_AFTER, near)
+    feed_by_turns(hand, 0., 2. * FIT_AFTER, NEAR, FAR)
+    feed_by_turns(hand, 2. * FIT_AFTER, .8 * REFIT_AFTER, NEAR)
     assert hand.watch.is_wrong
     now = 2. * FIT_AFTER + .8 * REFIT_AFTER
     # With the palm lost that is what is said.
@@ -161,8 +162,7 @@ def test_a_hand_far_off_is_taken_back_once_it_fits_for_two_seconds_not_for_a_mom
 
 def test_a_recording_that_ends_far_off_says_so_and_not_that_it_was_left_out():
     hand = Input()
-    near, far = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.010, .026))
-    feed_by_turns(hand, 0., .5 * FIT_AFTER, near, far)
+    feed_by_turns(hand, 0., .5 * FIT_AFTER, NEAR, FAR)
     hand.watch.ended()
     line, = hand.said(.5 * FIT_AFTER)
     assert '18 mm off the hand: wrong side' in line and 'left out' not in line

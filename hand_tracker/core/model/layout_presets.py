@@ -76,6 +76,7 @@ def _kyutech23() -> MarkerLayout:
                for finger in FINGERS for joint in ('pip', 'dip', 'tip')]
     places = [*((f'{finger}_mcp', ON_KNUCKLE) for finger in FINGERS), *fingers,
               ('thumb_mcp', ON_JOINT), ('thumb_ip', ON_JOINT), ('thumb_tip', ON_NAIL),
+              # As on the hand of their first subject.
               ('wrist', (20., 0., 11.)), ('wrist', (23., 34., -22.)), ('wrist', (21., -28., 9.)),
               ('wrist', (-17., -6., 14.))]
     return _layout([(str(number), place, offset)
