@@ -1,8 +1,12 @@
-"""Declaration of one parameter of a node."""
+"""Declaration of the parameters of a node."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple, TypeVar
+
+Options = TypeVar('Options')
 
 
 class Parameter(NamedTuple):
@@ -31,3 +35,28 @@ class Parameter(NamedTuple):
     choices: tuple[str, ...] = ()
     read_only: bool = False
     any_type: bool = False
+
+
+def option_parameters(kind: type, scope: str = '') -> tuple[Parameter, ...]:
+    """Return the parameters of the fields of options.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass with the fields of `core.checked_options`.
+    scope : str
+        Before their names.
+    """
+    rows = []
+    for option in fields(kind):
+        about = option.metadata
+        unit = f" [{about['unit']}]" if about.get('unit') else ''
+        rows.append(Parameter(scope + option.name, option.default, about['description'] + unit,
+                              about.get('range'), about.get('choices', ())))
+    return tuple(rows)
+
+
+def options_of(kind: type[Options], values: Mapping[str, Any], scope: str = '') -> Options:
+    """Return options by the values of their `option_parameters`."""
+    return kind(**{option.name: values[scope + option.name]
+                   for option in fields(kind)})     # type: ignore[arg-type]

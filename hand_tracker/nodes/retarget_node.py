@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from functools import partial
 from threading import Timer
 from typing import Any
@@ -51,7 +50,7 @@ from .command_messages import OUTPUTS, command_template
 from .executors import SubscriptionHidingNode, steady_clock
 from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .message_types import imported_message
-from .parameters import Parameter
+from .parameters import Parameter, option_parameters, options_of
 from .runner import InvalidArguments, declare, names_of, namesake_fault, refuse_unknown, run
 from .serialization import UNKNOWN_LAYOUT, Serialization
 from .topic_publishers import UNPUBLISHED, full_name
@@ -83,16 +82,11 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'angles: 1 all, 0 as much as without any marker; the hand is lost below', (0., 1.)),
     Parameter('show_robot', False, 'Publish on robot/shown, for those who show the robot, what is '
               'commanded, and while it is not engaged where it is'),
-    *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
-        f" [{option.metadata['unit']}]" if 'unit' in option.metadata else ''),
-        option.metadata.get('range'), option.metadata.get('choices', ()))
-        for option in fields(GuardOptions)),
+    *option_parameters(GuardOptions, 'safety.'),
     Parameter('wrist.outputs', '', "What is sent for the robot's wrist, separated by spaces: "
               f'{" ".join(WRIST_OUTPUTS)}; empty for nothing'),
     Parameter('wrist.base_frame', 'base_link', "Frame of the robot's base, in which it is sent"),
-    *(Parameter(f'wrist.{option.name}', option.default, f"{option.metadata['description']} "
-                f"[{option.metadata['unit']}]", option.metadata['range'])
-      for option in fields(WristOptions)),
+    *option_parameters(WristOptions, 'wrist.'),
 ))
 
 
@@ -113,7 +107,7 @@ class RetargetNode(SubscriptionHidingNode):
         loaded, hand = _robot_and_person(values)
         names = names_of(hand, values['prefix'], values['wrist_frame'], values['on_body'])
         self._teleoperation = Teleoperation(
-            loaded, hand, names.prefix, GuardOptions(**_options(GuardOptions, 'safety', values)),
+            loaded, hand, names.prefix, options_of(GuardOptions, values, 'safety.'),
             values['min_confidence'])
         self._period = 1. / values['rate']
         self._outputs = self._make_command_outputs(values)
@@ -123,7 +117,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._compile(loaded, hand)
         if self._wrist_outputs:
             # Not without need, as it imports scipy, which takes longer than all else here.
-            self._wrist = WristFollower(WristOptions(**_options(WristOptions, 'wrist', values)))
+            self._wrist = WristFollower(options_of(WristOptions, values, 'wrist.'))
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
         self._robot_wrist_time, self._robot_wrist_stamp = -math.inf, UNSTAMPED
@@ -543,12 +537,6 @@ def _robot_and_person(values: Mapping[str, Any]) -> tuple[LoadedRobot, Hand]:
     if follows_robot:
         person['side'] = loaded.hand.side
     return loaded, starting_hand(person)[0]
-
-
-def _options(kind: type[GuardOptions] | type[WristOptions], section: str,
-             values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a kind by the parameters of a section."""
-    return {option.name: values[f'{section}.{option.name}'] for option in fields(kind)}
 
 
 def _wrist_message(name: str, header: Header, sent: WristCommand) -> PoseStamped | TwistStamped:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +38,7 @@ from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..files.layout_file import choose_layout
 from ..messages.labels import LABEL_SOURCES, LabelMap, default_labels, label_maps
-from .parameters import Parameter
+from .parameters import Parameter, option_parameters, options_of
 
 AUTO = 'auto'
 RELIABILITIES = ('best_effort', 'reliable')
@@ -348,20 +347,13 @@ def hand_table(hand: Hand, scope: str = '') -> tuple[Parameter, ...]:
 
 def common_table() -> tuple[Parameter, ...]:
     """Return the parameters that act from the next frame on and are the same for every hand."""
-    rows = []
-    for option in fields(TrackerOptions):
-        about = option.metadata
-        unit = f" [{about['unit']}]" if 'unit' in about else ''
-        rows.append(Parameter(option.name, option.default, about['description'] + unit,
-                              about.get('range'), about.get('choices', ())))
-    rows.append(Parameter('unit_scale', 1., 'Metres per unit of the markers: 0.001 for mm',
-                          (1e-6, 1e3)))
-    rows.append(Parameter('zero_is_missing', True,
-                          'Whether a marker at exactly (0, 0, 0) is a lost one'))
-    rows.append(Parameter('distal_flexion_timeout', .5, 'How long a measured flexion of a last '
-                          'joint counts, from its receipt [s]', (.01, 60.)))
-    rows.append(Parameter('display_rate', 60., 'Rate of hand_markers at most [Hz]', (1., 1e3)))
-    return tuple(rows)
+    return (
+        *option_parameters(TrackerOptions),
+        Parameter('unit_scale', 1., 'Metres per unit of the markers: 0.001 for mm', (1e-6, 1e3)),
+        Parameter('zero_is_missing', True, 'Whether a marker at exactly (0, 0, 0) is a lost one'),
+        Parameter('distal_flexion_timeout', .5, 'How long a measured flexion of a last joint '
+                  'counts, from its receipt [s]', (.01, 60.)),
+        Parameter('display_rate', 60., 'Rate of hand_markers at most [Hz]', (1., 1e3)))
 
 
 def labels_table(names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
@@ -449,7 +441,7 @@ def live_settings(hand: Hand, values: Mapping[str, Any], names: Sequence[str] = 
                  np.radians(values[f'{scope}coupling.{digit}.offset_deg'])) for digit in DIGITS]
     return Settings(
         hand.replace(limits=np.radians(limits), coupling=coupling),
-        TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
+        options_of(TrackerOptions, values),
         LabelMap(_label_values(values, names), names) if labels is None else labels,
         values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
         values['display_rate'])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..core.checked_options import check, choice_option, number_option, switch
 from ..core.errors import HandTrackerError
-from .checked_options import check, choice_option, number_option, switch
 
 ON_LOST = ('hold', 'stop')
 
@@ -45,7 +45,7 @@ class GuardOptions:
         .7, .01, 10., 'rad', 'Of the wanted position from one frame to the next; larger '
         'jumps are not followed at once')
     jump_frames: int = number_option(
-        6, 1, 1000, '1', 'Frames after which a jump that persists is followed, at limited speed')
+        6, 1, 1000, '', 'Frames after which a jump that persists is followed, at limited speed')
     jump_time: float = number_option(
         .04, 0., 10., 's', 'Time, besides, after which a jump that persists is followed')
     max_dt: float = number_option(

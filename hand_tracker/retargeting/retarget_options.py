@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..core.checked_options import check, number_option
 from ..core.errors import HandTrackerError
-from .checked_options import check, number_option
 
 
 class InvalidRetargetOption(HandTrackerError, ValueError):
@@ -23,13 +23,13 @@ class RetargetOptions:
     """
 
     finger_weight: float = number_option(
-        1., 0., 100., '1', 'Of the distance of a finger tip from its target')
+        1., 0., 100., '', 'Of the distance of a finger tip from its target')
     thumb_weight: float = number_option(
-        1., 0., 100., '1', "Of the distance of the thumb's tip from its target")
+        1., 0., 100., '', "Of the distance of the thumb's tip from its target")
     bone_weight: float = number_option(
-        .1, 0., 10., '1', "Of the direction of a bone, in lengths of its digit")
+        .1, 0., 10., '', "Of the direction of a bone, in lengths of its digit")
     thumb_bone_weight: float = number_option(
-        .05, 0., 10., '1', "Of the direction of a bone of the thumb, in lengths of the thumb")
+        .05, 0., 10., '', "Of the direction of a bone of the thumb, in lengths of the thumb")
     follow_weight: float = number_option(
         .03, 0., 10., 'm/rad', 'Of a joint that follows a human joint')
     touch: float = number_option(
@@ -39,11 +39,11 @@ class RetargetOptions:
         .03, .01, .3, 'm', 'Distance of the skin of human thumb and finger tip from which they '
         'are free')
     touch_weight: float = number_option(
-        10., 0., 1e3, '1', 'Of the distance of two tips while the human tips touch')
+        10., 0., 1e3, '', 'Of the distance of two tips while the human tips touch')
     clearance: float = number_option(
         .001, -.05, .05, 'm', 'Least distance of the surfaces of two tips that do not pinch')
     clearance_weight: float = number_option(
-        3., 0., 1e3, '1', 'Of that distance; small enough for tips to come past each other')
+        3., 0., 1e3, '', 'Of that distance; small enough for tips to come past each other')
     smoothness: float = number_option(
         .015, 0., .1, 'm/rad', 'Pull to the last command; decides what hardly moves a tip')
     rest_weight: float = number_option(
@@ -53,7 +53,7 @@ class RetargetOptions:
     limit_margin: float = number_option(
         0., 0., .5, 'rad', "Distance kept from the URDF's limits")
     iterations: int = number_option(
-        15, 1, 100, '1', 'Gauss-Newton steps of a frame at most')
+        15, 1, 100, '', 'Gauss-Newton steps of a frame at most')
     tolerance: float = number_option(
         2e-4, 1e-9, .1, 'rad or m', 'Change that ends the steps of a frame')
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.checked_options import check, number_option
 from ..core.errors import HandTrackerError
-from .checked_options import check, number_option
 
 if TYPE_CHECKING:  # where it is needed, as most robots' wrists do not follow, and scipy takes long
     from scipy.spatial.transform import Rotation
@@ -40,7 +40,7 @@ class WristOptions:
     """
 
     scale: float = number_option(
-        1., .01, 10., '1', "Robot's metres per metre of the person's wrist")
+        1., .01, 10., '', "Robot's metres per metre of the person's wrist")
     yaw_deg: float = number_option(
         0., -360., 360., 'degrees', "About the vertical, from the markers' frame to that of the "
         "robot's base")

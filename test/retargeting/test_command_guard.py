@@ -524,7 +524,8 @@ def test_sliding_joints_are_guarded_as_turning_ones_by_their_strokes():
 
 @pytest.mark.parametrize('fields, message', [
     ({'max_speed': 0.}, 'max_speed: 0.0; allowed is 0.01 to 100 rad/s'),
-    ({'on_lost': 'open'}, "on_lost: 'open'; expected one of hold, stop"),
+    ({'on_lost': 'open'}, "on_lost: 'open' is not one of hold, stop"),
+    ({'jump_frames': 1.5}, 'jump_frames: 1.5; allowed is a whole number from 1 to 1000'),
     ({'relax': 1}, 'relax: 1; expected true or false')])
 def test_options_are_checked(fields, message):
     with pytest.raises(InvalidGuardOption) as refusal:

@@ -266,7 +266,7 @@ def test_input_of_another_shape_is_refused():
 
 @pytest.mark.parametrize('fields, message', [
     ({'touch': -1.}, 'touch: -1.0; allowed is 0 to 0.05 m'),
-    ({'iterations': 0}, 'iterations: 0; allowed is 1 to 100'),
+    ({'iterations': 0}, 'iterations: 0; allowed is a whole number from 1 to 100'),
     ({'max_speed': True}, 'max_speed: True'),
     ({'touch': .05, 'escape': .02}, 'escape: 0.02 m; it must exceed touch, 0.05 m'),
 ])

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def number_option(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
-    """Return a field of a number from `lower` to `upper`."""
+    """Return a field of a number from `lower` to `upper`: a whole one where its default is."""
     return field(default=default, metadata={
         'range': (lower, upper), 'unit': unit, 'description': description})
 
@@ -38,13 +38,15 @@ def check(options: Any, error: type[Exception], prefix: str = '') -> None:
         value, about = getattr(options, option.name), option.metadata
         if 'choices' in about:
             is_allowed = value in about['choices']
-            expected = f"expected one of {', '.join(about['choices'])}"
+            expected = f" is not one of {', '.join(about['choices'])}"
         elif 'range' in about:
             lower, upper = about['range']
-            is_allowed = (isinstance(value, (int, float)) and not isinstance(value, bool)
-                          and lower <= value <= upper)
-            expected = f"allowed is {lower:g} to {upper:g} {about['unit']}"
+            is_whole = isinstance(option.default, int)
+            is_allowed = (isinstance(value, int if is_whole else (int, float))
+                          and not isinstance(value, bool) and lower <= value <= upper)
+            whole = 'a whole number from ' if is_whole else ''
+            expected = f"; allowed is {whole}{lower:g} to {upper:g} {about['unit']}".rstrip()
         else:
-            is_allowed, expected = isinstance(value, bool), 'expected true or false'
+            is_allowed, expected = isinstance(value, bool), '; expected true or false'
         if not is_allowed:
-            raise error(f'{prefix}{option.name}: {value!r}; {expected}')
+            raise error(f'{prefix}{option.name}: {value!r}{expected}')
