@@ -4,13 +4,12 @@ First its axes are fitted to the recorded joints. Then the coupling, with a litt
 that the thumb solved from its tip alone reproduces them.
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.inverse_kinematics.digit import OUT_OF_PLANE_ROUNDS
 from ..core.model.hand import (
-    DIGITS,
     JOINTS,
     THUMB_ABDUCTION_AXIS,
     THUMB_AXIS_DISTANCE_RANGE,
@@ -18,12 +17,11 @@ from ..core.model.hand import (
     THUMB_ROLL_RANGE,
     Hand,
 )
-from ..core.model.kinematics import digit_base, direction_in_base
+from ..core.model.kinematics import base_rotation, direction_in_base
 from .fingers import MOTION_PERCENTILES
 from .landmarks import metacarpal_axes, phalanx_axes
 from .least_squares import evenly_spaced, regularised_fit
 
-THUMB_ROW = DIGITS.index('thumb')
 MCP_ABDUCTION_ROW = JOINTS.index('thumb_mcp_abduction')
 THUMB_FIT_FRAMES = 250
 FLEXION_TABLE_STEPS = 500
@@ -48,7 +46,7 @@ ROLL_STARTS = ((0., .002), (.8, .01))
 
 
 class Saddle(NamedTuple):
-    """The fitted part of a thumb, with the field names of `Hand`, as `digit_base` needs.
+    """The fitted part of a thumb, with the field names of `Hand`.
 
     Attributes
     ----------
@@ -169,7 +167,7 @@ def _misses_of_axes(saddle: Saddle, joints: np.ndarray) -> np.ndarray:
         Of the CMC, by a metacarpal as recorded, and of IP and tip from the plane of the
         phalanges [m].
     """
-    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
+    base, _ = base_rotation(saddle.thumb_abduction_axis, saddle.thumb_rest_direction)
     local = (joints - saddle.thumb_cmc) @ base
     x, y, z = (local[:, 1] - local[:, 0]).T
     turn, flexion = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
@@ -195,7 +193,7 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     -------
     ThumbAngles
     """
-    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
+    base, _ = base_rotation(saddle.thumb_abduction_axis, saddle.thumb_rest_direction)
     x, y, z = base.T @ tips.T
     level = np.hypot(x, y)
     table = _flexion_table(hand, saddle.thumb_coupling)
@@ -265,5 +263,5 @@ def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:
     abduction, flexion = (
         np.percentile(angles, MOTION_PERCENTILES).mean() - limits.mean()
         for angles, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
-    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
+    base, _ = base_rotation(saddle.thumb_abduction_axis, saddle.thumb_rest_direction)
     return base @ direction_in_base(abduction, flexion)

@@ -8,7 +8,7 @@ from .checked_options import check, choice_option, number_option, switch
 from .errors import InvalidOption
 from .labelling.association import LabellingOptions
 from .model.palm_triangle import PalmLimits
-from .occlusion.prediction import Prediction
+from .occlusion.prediction import PredictionOptions
 from .pose.contact import PENETRATION
 
 
@@ -129,7 +129,7 @@ class KernelOptions(NamedTuple):
         FABRIK instead of the closed form.
     palm_limits : PalmLimits
     labelling : LabellingOptions
-    prediction : Prediction
+    prediction : PredictionOptions
 
     The other fields are those of `TrackerOptions`.
     """
@@ -143,7 +143,7 @@ class KernelOptions(NamedTuple):
     frozen_frames: int
     labelling: LabellingOptions
     marker_noise: float
-    prediction: Prediction
+    prediction: PredictionOptions
     friction: float
     rigidity: bool
     penetration: float
@@ -164,7 +164,7 @@ def kernel_options(options: TrackerOptions) -> KernelOptions:
         labelling=LabellingOptions(float(options.outlier_gate), float(options.swap_margin),
                                    float(options.patience)),
         marker_noise=float(options.marker_noise),
-        prediction=Prediction(
+        prediction=PredictionOptions(
             options.smoothing,
             math.inf if options.prediction == 'vtm_ukf' and options.inertia else
             float(options.inertia), options.palm_from_fingers,

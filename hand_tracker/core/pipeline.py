@@ -161,7 +161,9 @@ def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
 @jit
 def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
                   state: Pack[State], markers: np.ndarray, seen: np.ndarray, step: float) -> int:
-    """Reject invalid measurements and exchange wrong labels.
+    """Reject invalid measurements and exchange wrong labels, by where markers are expected.
+
+    With more than the eight markers, the palm is fitted to all of them first.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS, Hand
+from ..core.model.hand import DIGITS, JOINTS, RESTING_JOINTS, Hand
 from ..core.model.marker_layout import PALM_LANDMARKS, PALM_MARKERS, MarkerLayout
 from ..core.model.states import MarkerState
 from ..core.tracker import HandState
@@ -196,7 +196,7 @@ def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
     layout = layout or MarkerLayout()
     # Unobserved joints, and joints locked by their limits, are left out.
     joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
-              and joint not in UNOBSERVED_JOINTS and np.ptp(hand.limits[i]) > 0.]
+              and joint not in RESTING_JOINTS and np.ptp(hand.limits[i]) > 0.]
     markers = _shown_markers(digit, layout)
     figure, axes = _stacked_panels([MARKERS_HEIGHT] + [ANGLE_HEIGHT] * (len(joints) + 1))
     times = tracked.times - tracked.times[0]

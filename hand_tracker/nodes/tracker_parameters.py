@@ -27,9 +27,9 @@ from ..core.model.hand import (
     LIMIT_PRESETS,
     MEAN_BREADTH,
     MEAN_LENGTH,
+    RESTING_JOINTS,
     SIDES,
     SLOPE_RANGE,
-    UNOBSERVED_JOINTS,
     Hand,
 )
 from ..core.model.marker_layout import MARKERS, MarkerLayout, require_solvable
@@ -333,7 +333,7 @@ def hand_table(hand: Hand, scope: str = '') -> tuple[Parameter, ...]:
                 f'{bound.capitalize()} limit of {joint} [degrees]'
                 + ('; does nothing where the layout does not show this joint: it stays '
                    + ('as the hand file has it' if joint.startswith('thumb') else 'at zero')
-                   if joint in UNOBSERVED_JOINTS else ''), (-DEGREES, DEGREES)))
+                   if joint in RESTING_JOINTS else ''), (-DEGREES, DEGREES)))
     for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
         rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
         rows.append(Parameter(f'{scope}coupling.{digit}.slope', slope,

@@ -11,8 +11,8 @@ import yaml
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import (
     JOINTS,
+    RESTING_JOINTS,
     SIDES,
-    UNOBSERVED_JOINTS,
     Hand,
     preset_coupling,
     preset_limits,
@@ -182,12 +182,12 @@ def test_the_parameter_file_documents_the_defaults_and_replaces_nothing_of_a_han
 def test_limits_without_effect_say_so():
     joints = {row.name.split('.')[1] for row in live_table(Hand.scaled())
               if 'does nothing where' in row.description}
-    assert joints == set(UNOBSERVED_JOINTS) < set(JOINTS)
+    assert joints == set(RESTING_JOINTS) < set(JOINTS)
     moved = HandTracker(Hand.scaled(limits=preset_limits('wide')))
     reached = np.zeros(len(JOINTS))
     for markers in demo_recording(rate=20.).markers:
         reached = np.maximum(reached, np.abs(moved.update(markers).angles))
-    assert {joint for joint, angle in zip(JOINTS, reached) if angle == 0.} == set(UNOBSERVED_JOINTS)
+    assert {joint for joint, angle in zip(JOINTS, reached) if angle == 0.} == set(RESTING_JOINTS)
 
 
 def test_labels_units_and_zeros():

@@ -363,28 +363,28 @@ def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: i
 
 
 @jit
-def lay_digits_flat(table: MarkerRows, rows: RowState, wrist: Wrist) -> None:
+def lay_digits_flat(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     """Write the digits' measured markers in the wrist's frame, the palm laid flat.
 
     Parameters
     ----------
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `local` is replaced.
     wrist : Wrist
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
-    for row in range(table.used[0]):
-        digit = table.digit[row]
-        if digit >= 0 and rows.is_measured[row]:
-            local = components(axes, subtract(vector(rows.points[row]), origin))
+    for row in range(rows.used[0]):
+        digit = rows.digit[row]
+        if digit >= 0 and state.is_measured[row]:
+            local = components(axes, subtract(vector(state.points[row]), origin))
             if digit < 4:
-                local = flexed(local, vector(table.cmc[digit]), -rows.arch[digit])
-            store(rows.local, row, local)
+                local = flexed(local, vector(rows.cmc[digit]), -state.arch[digit])
+            store(state.local, row, local)
 
 
 @jit
-def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, wrist: Wrist,
+def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wrist,
                             angles: np.ndarray, markers: np.ndarray, seen: np.ndarray,
                             step: float) -> None:
     """Place each digit's hidden principal marker by the digit's other markers.
@@ -392,8 +392,8 @@ def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, w
     Parameters
     ----------
     chains : Chains
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `local` are the markers; its `angles` are replaced.
     wrist : Wrist
     angles : ndarray, shape (25,)
@@ -407,27 +407,27 @@ def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, w
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     for digit in range(5):
-        if seen[3 + digit] or not table.has_several[digit]:
+        if seen[3 + digit] or not rows.has_several[digit]:
             continue
         workspace = local_digit_workspace()
-        if _solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0]:
-            local = _principal_place(chains, table, rows, digit, workspace)
+        if _solve_digit_angles(chains, rows, state, digit, angles, step, workspace)[0]:
+            local = _principal_place(chains, rows, state, digit, workspace)
             if digit < 4:
-                local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
+                local = flexed(local, vector(rows.cmc[digit]), state.arch[digit])
             store(markers, 3 + digit, add(origin, rotate(axes, local)))
             seen[3 + digit] = True
 
 
 @jit
-def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.ndarray,
+def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.ndarray,
                           changed: np.ndarray, angles: np.ndarray, step: float) -> None:
     """Solve digits with several markers and unchanged evidence, starting from the last angles.
 
     Parameters
     ----------
     chains : Chains
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `angles` and `is_solved` are replaced for these digits.
     seen : ndarray of bool, shape (8,)
     changed : ndarray of bool, shape (5,)
@@ -439,27 +439,27 @@ def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, see
     """
     workspace = local_digit_workspace()
     for digit in range(5):
-        if not table.has_several[digit] or not seen[3 + digit] or (
-                changed[digit] or not rows.is_measured[3 + digit]):
+        if not rows.has_several[digit] or not seen[3 + digit] or (
+                changed[digit] or not state.is_measured[3 + digit]):
             continue
         count, cost = _solve_digit_angles(
-            chains, table, rows, digit, rows.angles, step, workspace)
-        rows.is_solved[digit] = count > 1 and cost < FAR_OFF
-        if rows.is_solved[digit]:
+            chains, rows, state, digit, state.angles, step, workspace)
+        state.is_solved[digit] = count > 1 and cost < FAR_OFF
+        if state.is_solved[digit]:
             for joint in range(5 * digit, 5 * digit + 5):
-                angles[joint] = rows.angles[joint]
+                angles[joint] = state.angles[joint]
 
 
 @jit
-def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.ndarray,
+def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.ndarray,
                   angles: np.ndarray, step: float) -> None:
     """Solve the remaining digits with several markers, from the angles by their principal one.
 
     Parameters
     ----------
     chains : Chains
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `angles` and `deviation` are replaced.
     seen : ndarray of bool, shape (8,)
     angles : ndarray, shape (25,)
@@ -470,28 +470,28 @@ def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.nd
     workspace = local_digit_workspace()
     for digit in range(5):
         is_solved = False
-        if table.has_several[digit] and seen[3 + digit]:
+        if rows.has_several[digit] and seen[3 + digit]:
             # One whose principal marker is hidden was solved before.
             is_solved = (
-                rows.is_solved[digit] or not rows.is_measured[3 + digit]
-                or _solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0] > 1)
-        rows.deviation[5 * digit:5 * digit + 5] = 0.
+                state.is_solved[digit] or not state.is_measured[3 + digit]
+                or _solve_digit_angles(chains, rows, state, digit, angles, step, workspace)[0] > 1)
+        state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
-            _write_deviation(chains, table, rows, digit, workspace)
+            _write_deviation(chains, rows, state, digit, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
-                angles[joint] = rows.angles[joint]
+                angles[joint] = state.angles[joint]
             else:
-                rows.angles[joint] = angles[joint]
+                state.angles[joint] = angles[joint]
 
 
 @jit
-def _write_deviation(chains: Chains, table: MarkerRows, rows: RowState, digit: int,
+def _write_deviation(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
                      workspace: DigitWorkspace) -> None:
     """Write the standard deviations of a digit's solved angles by all its markers."""
     for j in range(CHAIN_JOINTS):
-        workspace.angles[j] = rows.angles[5 * digit + j]
-    _equations(chains, table, rows, digit, workspace.angles, 0., workspace)
+        workspace.angles[j] = state.angles[5 * digit + j]
+    _equations(chains, rows, state, digit, workspace.angles, 0., workspace)
     matrix, one, column = workspace.matrix, workspace.gradient, workspace.step
     first = 0 if digit == THUMB else 1
     for j in range(first):
@@ -502,4 +502,4 @@ def _write_deviation(chains: Chains, table: MarkerRows, rows: RowState, digit: i
         one[:] = 0.
         one[j] = 1.
         solve_factorised(workspace.factor, one, CHAIN_JOINTS, column)
-        rows.deviation[5 * digit + j] = math.sqrt(column[j])
+        state.deviation[5 * digit + j] = math.sqrt(column[j])

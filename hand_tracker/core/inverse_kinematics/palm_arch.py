@@ -86,25 +86,25 @@ def flexed(place: Vector, center: Vector, flexion: float) -> Vector:
 
 
 @jit
-def lay_targets_flat(table: MarkerRows, rows: RowState, angles: np.ndarray) -> None:
+def lay_targets_flat(rows: MarkerRows, state: RowState, angles: np.ndarray) -> None:
     """Lay the fingers' targets to where they are with the palm flat; write its CMC flexions.
 
     Parameters
     ----------
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `targets` are replaced.
     angles : ndarray, shape (25,)
         Changed [rad].
     """
     for finger in range(4):
-        store(rows.targets, finger, flexed(
-            vector(rows.targets[finger]), vector(table.cmc[finger]), -rows.arch[finger]))
-        angles[5 * finger] = rows.arch[finger]
+        store(state.targets, finger, flexed(
+            vector(state.targets[finger]), vector(rows.cmc[finger]), -state.arch[finger]))
+        angles[5 * finger] = state.arch[finger]
 
 
 @jit
-def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upper: np.ndarray,
+def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
                        angles: np.ndarray, wrist: Wrist, fitted: Wrist, markers: np.ndarray,
                        seen: np.ndarray) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
@@ -113,8 +113,8 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
 
     Parameters
     ----------
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Its `arch` is replaced.
     lower, upper : ndarray, shape (25,)
         Joint limits [rad].
@@ -129,15 +129,15 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
     seen : ndarray of bool, shape (n,)
         Changed.
     """
-    several = table.has_several[5] > 0
-    if not (several or table.is_cupping[0]):
+    several = rows.has_several[5] > 0
+    if not (several or rows.is_cupping[0]):
         return
-    if table.is_cupping[0] and not several:
-        synergy(table.synergy, angles, lower, upper, rows.arch)
+    if rows.is_cupping[0] and not several:
+        synergy(rows.synergy, angles, lower, upper, state.arch)
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
     count = _solve_palm(
-        table, rows, lower, upper, several and table.is_cupping[0] > 0, fitted)
+        rows, state, lower, upper, several and rows.is_cupping[0] > 0, fitted)
     if count == 0:
         return
     shown = 0
@@ -149,7 +149,7 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
             seen[i] = True
             shown += 1
         store(markers, i, add(origin, rotate(axes, add(
-            vector(table.end[i]), vector(table.offset[i])))))
+            vector(rows.end[i]), vector(rows.offset[i])))))
 
 
 @jit

@@ -26,9 +26,9 @@ def find_valid(markers: np.ndarray, seen: np.ndarray) -> None:
 
     Parameters
     ----------
-    markers : ndarray, shape (8, 3)
+    markers : ndarray, shape (n, 3)
         [m]
-    seen : ndarray of bool, shape (8,)
+    seen : ndarray of bool, shape (n,)
         Replaced.
     """
     for i in range(markers.shape[0]):
@@ -39,8 +39,8 @@ def find_valid(markers: np.ndarray, seen: np.ndarray) -> None:
 
 
 @jit
-def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still: np.ndarray,
-                  stood: np.ndarray, patience: int) -> None:
+def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, repeats: np.ndarray,
+                  repeated_distances: np.ndarray, patience: int) -> None:
     """Reject frozen markers: lost ones whose last position the driver repeats.
 
     A marker is frozen if its position repeats bit for bit while the hand moves: two palm markers,
@@ -50,15 +50,15 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
 
     Parameters
     ----------
-    markers : ndarray, shape (8, 3)
+    markers : ndarray, shape (n, 3)
         [m]
-    seen : ndarray of bool, shape (8,)
+    seen : ndarray of bool, shape (n,)
         Cleared where frozen.
-    last : ndarray, shape (8, 3)
+    last : ndarray, shape (n, 3) or more
         Markers of the last frame, replaced [m].
-    still : ndarray of int, shape (8,)
+    repeats : ndarray of int, shape (n,) or more
         Frames for which each marker has repeated its position, updated.
-    stood : ndarray, shape (3, 3)
+    repeated_distances : ndarray, shape (3, 3)
         Distances from each palm marker (rows) to the others (columns) when it began to repeat
         its position; NaN if not seen then, updated [m].
     patience : int
@@ -77,16 +77,16 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
             continue
         if (not is_equal(markers[i], last[i])
                 or distance(vector(markers[i]), (0., 0., 0.)) < ORIGIN_RADIUS):
-            still[i] = 0
+            repeats[i] = 0
             for j in range(3 if i < 3 else 0):
-                stood[i, j] = _gap(markers, seen, i, j)
-        elif hand_moved and (i >= 3 or still[i] + 1 != patience
-                             or _has_moved_in_palm(markers, seen, stood, i)):
-            still[i] += 1
+                repeated_distances[i, j] = _gap(markers, seen, i, j)
+        elif hand_moved and (i >= 3 or repeats[i] + 1 != patience
+                             or _has_moved_in_palm(markers, seen, repeated_distances, i)):
+            repeats[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]
     for i in range(markers.shape[0]):
-        if 0 < patience <= still[i]:
+        if 0 < patience <= repeats[i]:
             seen[i] = False
 
 
@@ -97,13 +97,13 @@ def _gap(markers: np.ndarray, seen: np.ndarray, i: int, j: int) -> float:
 
 
 @jit
-def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, stood: np.ndarray,
+def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, repeated_distances: np.ndarray,
                        i: int) -> bool:
-    """Return whether a palm marker's distance from another differs from `stood`."""
+    """Return whether a palm marker's distance from another differs from `repeated_distances`."""
     parted = False
     for j in range(3):
         # False if one was not seen
-        parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
+        parted = parted or abs(_gap(markers, seen, i, j) - repeated_distances[i, j]) > SKIN_STRETCH
     return parted
 
 
@@ -173,14 +173,14 @@ def note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.nda
 
 
 @jit
-def measure_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen: np.ndarray,
+def measure_rows(rows: MarkerRows, state: RowState, markers: np.ndarray, seen: np.ndarray,
                  step: float) -> None:
     """Write the measured markers of all rows.
 
     Parameters
     ----------
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Changed.
     markers : ndarray, shape (n, 3)
         [m]
@@ -188,23 +188,23 @@ def measure_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen: n
     step : float
         Since the last frame [s].
     """
-    for row in range(table.used[0]):
-        rows.was_measured[row] = rows.is_measured[row]
-        rows.is_measured[row] = row < len(seen) and seen[row] and table.order[row] >= 0
-        rows.hidden_for[row] += step
-        if rows.is_measured[row]:
-            store(rows.points, row, vector(markers[row]))
+    for row in range(rows.used[0]):
+        state.was_measured[row] = state.is_measured[row]
+        state.is_measured[row] = row < len(seen) and seen[row] and rows.order[row] >= 0
+        state.hidden_for[row] += step
+        if state.is_measured[row]:
+            store(state.points, row, vector(markers[row]))
 
 
 @jit
-def associate_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen: np.ndarray,
+def associate_rows(rows: MarkerRows, state: RowState, markers: np.ndarray, seen: np.ndarray,
                    palm_changed: bool, changed: np.ndarray) -> None:
     """Carry the association of the principal markers over to the rows.
 
     Parameters
     ----------
-    table : MarkerRows
-    rows : RowState
+    rows : MarkerRows
+    state : RowState
         Changed.
     markers : ndarray, shape (8, 3)
         Principal markers, associated [m].
@@ -215,17 +215,17 @@ def associate_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen:
         Digits whose evidence changed; replaced for those with several markers.
     """
     for row in range(3, PRINCIPALS):
-        rows.is_measured[row] = seen[row]
+        state.is_measured[row] = seen[row]
         if seen[row]:
-            store(rows.points, row, vector(markers[row]))
+            store(state.points, row, vector(markers[row]))
     for digit in range(5):
-        if table.has_several[digit]:
+        if rows.has_several[digit]:
             changed[digit] = palm_changed
-    for row in range(table.used[0]):
-        if rows.is_measured[row]:
-            rows.is_known[row] = True
-            rows.hidden_for[row] = 0.
-        digit = table.digit[row]
-        if digit >= 0 and table.has_several[digit] and (
-                rows.is_measured[row] != rows.was_measured[row]):
+    for row in range(rows.used[0]):
+        if state.is_measured[row]:
+            state.is_known[row] = True
+            state.hidden_for[row] = 0.
+        digit = rows.digit[row]
+        if digit >= 0 and rows.has_several[digit] and (
+                state.is_measured[row] != state.was_measured[row]):
             changed[digit] = True

@@ -35,9 +35,9 @@ LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS)
     f'thumb_{link}' for link in THUMB_LINKS)
 ROOT = 'wrist'
 
-# Joints that eight markers do not determine: unless a layout shows them they stay at zero, the
-# thumb's as the hand says.
-UNOBSERVED_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
+# Joints that rest unless a layout shows them, as eight markers do not: at zero, the thumb's as the
+# hand says.
+RESTING_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
 
 # Rows of `JOINTS`: abduction of each digit, (5,), its three flexions, (5, 3), CMC flexion of each
 # finger, (4,). Digit of each joint, (25,).

@@ -76,11 +76,31 @@ def direction_in_base(turn: float, flexion: float) -> np.ndarray:
                      -np.sin(flexion)))
 
 
-def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the base frame of a digit, in which its abduction and flexion are solved.
+def base_rotation(axis: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the rotation of a digit's base frame, in which its abduction and flexion are solved.
 
     z is the axis of abduction, x the projection of the digit's direction at zero angles onto
     the plane normal to z, and `tilt` the flexion from x to that direction.
+
+    Parameters
+    ----------
+    axis, rest : ndarray, shape (3,)
+        Axis of abduction and direction at zero angles, in the right hand's wrist frame.
+
+    Returns
+    -------
+    rotation : ndarray, shape (3, 3)
+        From the base frame to the right hand's wrist frame.
+    tilt : float
+        [rad]
+    """
+    x = rest - (rest @ axis) * axis
+    x = x / np.linalg.norm(x)
+    return np.column_stack((x, np.cross(axis, x), axis)), float(np.arctan2(-rest @ axis, rest @ x))
+
+
+def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the base frame of a digit, see `base_rotation`: rotation, position and tilt.
 
     Parameters
     ----------
@@ -91,7 +111,6 @@ def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
     Returns
     -------
     rotation : ndarray, shape (3, 3)
-        From the base frame to the right hand's wrist frame.
     position : ndarray, shape (3,)
         The MCP joint of a finger; of the thumb a point on the CMC's axis of abduction [m].
     tilt : float
@@ -102,10 +121,8 @@ def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
         rest = np.array((np.cos(hand.splay[digit]), np.sin(hand.splay[digit]), 0.))
     else:
         root, axis, rest = hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction
-    x = rest - (rest @ axis) * axis
-    x = x / np.linalg.norm(x)
-    tilt = np.arctan2(-rest @ axis, rest @ x)
-    return np.column_stack((x, np.cross(axis, x), axis)), root, float(tilt)
+    rotation, tilt = base_rotation(axis, rest)
+    return rotation, root, tilt
 
 
 def joint_table(hand: Hand) -> JointTable:

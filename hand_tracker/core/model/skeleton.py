@@ -35,7 +35,7 @@ def bone_radii(hand: Hand) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (len(BONES),)
+    ndarray, shape (len(SKELETON_BONES),)
         [m]
     """
     palm = len(PALM_BONES) * [hand.palm_radius]

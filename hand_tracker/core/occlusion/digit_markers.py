@@ -12,7 +12,7 @@ from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Wrist
 from ..numerics.jit import jit, local_flags, local_floats
 from ..numerics.vectors import Vector, add, components, dot, frame, length, scale, subtract, vector
-from .prediction import Observation, Prediction
+from .prediction import Observation, PredictionOptions
 from .transdigital import DigitPrior, Transdigital, learn, regress_hidden
 
 FIRST_RELAX_TIME = 1e-9  # [s] relax time in the first frame: digits never seen start relaxed
@@ -21,7 +21,7 @@ FIRST_RELAX_TIME = 1e-9  # [s] relax time in the first frame: digits never seen 
 @jit
 def track_digits(observation: Observation, step: float, tracks: Tracks, wrist: Wrist,
                  transdigital: Transdigital, prior: DigitPrior, pushes: np.ndarray,
-                 options: Prediction, learning: bool) -> None:
+                 options: PredictionOptions, learning: bool) -> None:
     """Filter the digits' seen markers and predict their hidden ones.
 
     Parameters
@@ -40,7 +40,7 @@ def track_digits(observation: Observation, step: float, tracks: Tracks, wrist: W
     prior : DigitPrior
     pushes : ndarray, shape (5, 3)
         Displacement of each hidden marker by contact [m].
-    options : Prediction
+    options : PredictionOptions
     learning : bool
         Whether the palm is certain enough to learn from.
     """

@@ -13,7 +13,7 @@ from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit, local_floats
 from ..numerics.rigid_fit import step_rigidly
 from ..numerics.vectors import Vector, add, rotate, scale, store, subtract, vector
-from .prediction import Observation, Prediction
+from .prediction import Observation, PredictionOptions
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
@@ -24,7 +24,7 @@ DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is dif
 
 @jit
 def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tracks, wrist: Wrist,
-               template: np.ndarray, options: Prediction) -> int:
+               template: np.ndarray, options: PredictionOptions) -> int:
     """Filter the palm's seen markers and predict its hidden ones.
 
     Parameters
@@ -39,7 +39,7 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
         Of the last frame.
     template : ndarray, shape (3, 3)
         Palm markers in the wrist's frame [m].
-    options : Prediction
+    options : PredictionOptions
 
     Returns
     -------

@@ -22,7 +22,7 @@ class Observation(NamedTuple):
     noise: np.ndarray
 
 
-class Prediction(NamedTuple):
+class PredictionOptions(NamedTuple):
     """Options of filtering and prediction, out of `TrackerOptions`.
 
     Attributes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import InvalidLayout
-from hand_tracker.core.model.hand import FINGERS, JOINTS, LINKS, UNOBSERVED_JOINTS, Hand
+from hand_tracker.core.model.hand import FINGERS, JOINTS, LINKS, RESTING_JOINTS, Hand
 from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
 from hand_tracker.core.model.marker_layout import (
     ALL_LANDMARKS,
@@ -82,7 +82,7 @@ def test_a_digit_without_a_marker_has_no_principal_one():
 
 def test_eight_markers_do_not_show_what_the_paper_couples():
     missing = set(unobserved_joints(Hand.scaled(), MarkerLayout()))
-    assert missing >= set(UNOBSERVED_JOINTS) | {f'{finger}_dip_flexion' for finger in FINGERS}
+    assert missing >= set(RESTING_JOINTS) | {f'{finger}_dip_flexion' for finger in FINGERS}
     assert not missing & {f'{finger}_{joint}' for finger in FINGERS
                           for joint in ('mcp_flexion', 'mcp_abduction')}
 

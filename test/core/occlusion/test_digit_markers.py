@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from hand_tracker.core.filtering.tracks import initial_tracks
 from hand_tracker.core.model.palm_triangle import Wrist
 from hand_tracker.core.occlusion.digit_markers import track_digits
-from hand_tracker.core.occlusion.prediction import Observation, Prediction
+from hand_tracker.core.occlusion.prediction import Observation, PredictionOptions
 from hand_tracker.core.occlusion.transdigital import (
     DigitPrior,
     nothing_learned,
@@ -26,7 +26,7 @@ class Digits:
 
     def __init__(self, memory=7., longest=2., relaxing=1., fading=.04):
         self.tracks, self.transdigital = initial_tracks(REST), nothing_learned()
-        self.options = Prediction(False, fading, True, memory, longest, relaxing)
+        self.options = PredictionOptions(False, fading, True, memory, longest, relaxing)
 
     def see(self, local, hidden=(), pose=STILL, pushed=0., step=STEP):
         """Follow places in the palm's frame; return where they are in it, shape (5, 3)."""

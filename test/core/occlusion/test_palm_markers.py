@@ -14,7 +14,7 @@ from hand_tracker.core.model.palm_triangle import (
 )
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.occlusion.palm_markers import expected_markers, track_palm
-from hand_tracker.core.occlusion.prediction import Observation, Prediction
+from hand_tracker.core.occlusion.prediction import Observation, PredictionOptions
 
 FINGER_POSITIONS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02),
                              (.13, -.035, -.02), (.09, .06, -.04)))
@@ -29,7 +29,7 @@ class Palm:
     def __init__(self, by_fingers=True, longest=2., fading=.04):
         self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGER_POSITIONS)
         self.wrist = wrist_at_origin()
-        self.options = Prediction(False, fading, by_fingers, 0., longest, 0.)
+        self.options = PredictionOptions(False, fading, by_fingers, 0., longest, 0.)
 
     def see(self, rotation, position, hidden=(), digits=FINGER_POSITIONS):
         """Follow a frame; return its `PalmState` and the three places."""
