@@ -25,13 +25,13 @@ from benchmarks.common import RATE, add_json_option, environment, put_stamps, wr
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.marker_rows import LAYOUT_CAPACITY
-from hand_tracker.core.numerics.jit import empty_like_pack, packed
+from hand_tracker.core.numerics.packs import empty_like_pack, packed
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.messages.templates import JOINT_STATES, joint_state_template
-from hand_tracker.nodes.fast_path.kernel import (
+from hand_tracker.nodes.fast_path.track_kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
     TrackPacks,

@@ -40,7 +40,8 @@ from hand_tracker.core.model.marker_layout import (
     marker_positions,
 )
 from hand_tracker.core.model.palm_triangle import fit_wrist
-from hand_tracker.core.numerics.jit import jit, packed
+from hand_tracker.core.numerics.jit import jit
+from hand_tracker.core.numerics.packs import packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
 from hand_tracker.core.tracker import PALM_COUNT, HandTracker
 from hand_tracker.files.urdf_file import urdf

@@ -19,7 +19,7 @@ LONGEST = ('nodes/test_replay_node.py', 'core/test_tracker.py', 'core/test_track
            'nodes/test_tracker_node.py', 'cli/test_demo.py', 'viewer/test_viewer_browser.py',
            'calibration/test_fit.py', 'nodes/test_faults.py', 'evaluation/test_evaluation.py',
            'package/test_benchmarks.py', 'tracking/test_recording.py',
-           'evaluation/test_captures.py', 'skin/test_load.py', 'nodes/fast_path/test_middleware.py',
+           'evaluation/test_captures.py', 'skin/test_load.py', 'nodes/fast_path/test_track_path.py',
            'package/test_security.py', 'nodes/test_hand_services.py', 'simulation/test_motions.py',
            'calibration/test_marker_fit.py', 'test_parallel.py', 'calibration/test_calibrate.py',
            'package/test_examples.py', 'package/test_end_to_end.py', 'core/test_tracker_layouts.py',
@@ -74,7 +74,7 @@ def pytest_collection_finish(session):
             or not importlib.util.find_spec('rclpy')):
         return
     from hand_tracker.core.numerics import jit
-    from hand_tracker.nodes.fast_path.middleware import FastPath
+    from hand_tracker.nodes.fast_path.track_path import FastPath
 
     sets = jit.TRACKING_SET, FastPath.KERNEL_SET, jit.LABELLING_SET
     if jit.COMPILED and not all(map(jit.is_ready, sets)):

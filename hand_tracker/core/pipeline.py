@@ -1,7 +1,7 @@
 """The paper's method, one frame of a hand: `track_frame`, and each step as a kernel.
 
 Every step takes the records of `records` and `options` whole, as packs of one
-(`numerics.jit.packed`), and hands the kernels of the step's folder what they need.
+(`numerics.packs.packed`), and hands the kernels of the step's folder what they need.
 """
 # mypy: allow-redefinition
 
@@ -36,7 +36,9 @@ from .model.capsules import Placement, place_capsules
 from .model.marker_rows import PRINCIPALS, ROW_CAPACITY
 from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
-from .numerics.jit import Pack, jit, local_flags, local_floats, overwrite
+from .numerics.jit import jit
+from .numerics.packs import Pack, overwrite
+from .numerics.stack_memory import local_flags, local_floats
 from .numerics.vectors import clamp, length, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import expected_markers, track_palm

@@ -29,17 +29,8 @@ from .model.marker_layout import (
 from .model.marker_rows import layout_rows, marker_rows, shows_arch
 from .model.observability import unobserved_joints
 from .model.states import PALM_STATES, MarkerState, PalmState
-from .numerics.jit import (
-    COMPILED,
-    Kernel,
-    Pack,
-    empty_packs,
-    for_types_of,
-    load_kernel,
-    loaded_or_plain,
-    packed,
-    parts,
-)
+from .numerics.jit import COMPILED, Kernel, for_types_of, load_kernel, loaded_or_plain
+from .numerics.packs import Pack, empty_packs, packed, parts
 from .occlusion.transdigital import DigitPrior, prior_correlation
 from .options import KernelOptions, TrackerOptions, kernel_options
 from .pipeline import track_frame

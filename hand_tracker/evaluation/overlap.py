@@ -13,7 +13,8 @@ from ..core.model.capsules import (
     place_capsules,
 )
 from ..core.model.hand import Hand
-from ..core.numerics.jit import indexed, jit, packed
+from ..core.numerics.jit import jit
+from ..core.numerics.packs import indexed, packed
 
 
 def deepest_overlaps(hand: Hand, angles: np.ndarray) -> np.ndarray:

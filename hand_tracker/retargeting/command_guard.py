@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.numerics.jit import Pack, packed
+from ..core.numerics.packs import Pack, packed
 from ..messages.stamps import UNSTAMPED
 from .guard_kernel import (
     DISENGAGED,
@@ -39,7 +39,7 @@ from .guard_kernel import (
     move_command,
     new_guard_memory,
     observe_position,
-    observe_wanted,
+    refuse_robot,
     start_step,
 )
 from .guard_options import GuardOptions
@@ -183,32 +183,12 @@ class CommandGuard:
 
     def refuse_robot(self, lacking: str) -> None:
         """Take note that the robot's last joint states lack a joint, for messages."""
-        self._lacking, self.memory.robot_fault[0] = lacking, LACKS_JOINT
-
-    def observe_hand(self, wanted: ArrayLike, now: float) -> bool:
-        """Take the position that the person's hand wants; return whether it is followed.
-
-        Parameters
-        ----------
-        wanted : array_like, shape (n,)
-            [rad or m]
-        now : float
-            Time of receipt [s].
-        """
-        self.judge_ages(now)
-        given = np.array(wanted, dtype=float)
-        if given.shape != self._rest.shape:
-            self.refuse_values()
-            return False
-        return bool(observe_wanted(self.pack, given, now))
+        self._lacking = lacking
+        refuse_robot(self.pack)
 
     def refuse_values(self) -> None:
         """Count a frame that is not followed, by its values."""
         self.memory.refused_values[0] += 1
-
-    def lose_hand(self) -> None:
-        """Take note that the hand is not tracked, before its last frame is old."""
-        self.memory.hand_time[0] = -math.inf
 
     def engage(self, now: float) -> str:
         """Let the robot move from where it is; return why not, or nothing.

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.numerics.jit import Pack, jit
+from ..core.numerics.jit import jit
+from ..core.numerics.packs import Pack
 from ..core.pose.deviation import mean_confidence
 from ..messages.stamps import UNSTAMPED, stands_still
 from .guard_kernel import (
@@ -22,6 +23,7 @@ from .guard_kernel import (
     GuardMemory,
     follow_wanted,
     is_followed,
+    lose_hand,
     observe_wanted,
     start_step,
 )
@@ -130,7 +132,7 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
     memory.is_confident[0] = (
         mean_confidence(numbers, rows, unknown) >= memory.min_confidence)
     if not memory.is_confident[0]:
-        guards[0].hand_time[0] = -math.inf
+        lose_hand(guards)
 
 
 @jit

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.numerics.jit import Pack, jit
+from ..core.numerics.jit import jit
+from ..core.numerics.packs import Pack
 from ..core.numerics.vectors import clamp
 from ..messages.stamps import UNSTAMPED, stands_still
 from .guard_options import GuardOptions
@@ -192,6 +193,18 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, stamp: int,
         for i in range(guard.joints):
             guard.robot[i] = given[i]
         guard.has_robot[0], guard.robot_time[0] = 1, now
+
+
+@jit
+def refuse_robot(guards: Pack[GuardMemory]) -> None:
+    """Take note that the robot's last joint states lack a joint; `guards` is changed."""
+    guards[0].robot_fault[0] = LACKS_JOINT
+
+
+@jit
+def lose_hand(guards: Pack[GuardMemory]) -> None:
+    """Take note that the hand is not tracked, before its last frame is old; `guards` is changed."""
+    guards[0].hand_time[0] = -math.inf
 
 
 @jit

@@ -9,7 +9,8 @@ import numpy as np
 from ..calibration.landmarks import LANDMARK_LINKS, LANDMARKS, TIP_ROWS
 from ..core.model.hand import JOINTS, LINKS, Hand
 from ..core.model.kinematics import JointTable, joint_table, place_links, tip_offsets
-from ..core.numerics.jit import Pack, jit
+from ..core.numerics.jit import jit
+from ..core.numerics.packs import Pack
 
 JOINT_COUNT, POINT_COUNT, TIP_COUNT = len(JOINTS), len(LANDMARKS), len(TIP_ROWS)
 MOST_ANGLE = 2. * np.pi  # [rad] beyond a full turn is no joint's: degrees, mostly

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.numerics.jit import Pack, jit
+from ..core.numerics.jit import jit
+from ..core.numerics.packs import Pack
 from ..core.numerics.vectors import Vector, cross, dot, length, scale, subtract, vector
 from .box_qp import BoxQp, solve_box_qp
 from .robot_model import Joints, place_joints

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..calibration.landmarks import LANDMARKS, TIP_ROWS
 from ..core.model.hand import JOINTS, Hand
-from ..core.numerics.jit import Pack, packed
+from ..core.numerics.packs import Pack, packed
 from .hand_frame import require_wrist_frame
 from .human_hand import HumanHand, are_joint_angles, new_human_hand, place_landmarks
 from .retarget_kernel import Problem, Solution, solve_frame

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
-from ..core.numerics.jit import Pack, packed
+from ..core.numerics.packs import Pack, packed
 from ..messages.stamps import UNSTAMPED
 from .command_guard import CommandGuard
 from .follow_kernel import (
@@ -21,7 +21,7 @@ from .follow_kernel import (
     observe_solution,
     write_joints,
 )
-from .guard_kernel import GUARD_CAPACITY
+from .guard_kernel import GUARD_CAPACITY, lose_hand
 from .guard_options import GuardOptions
 from .human_hand import are_joint_angles
 from .retargeter import Retargeter
@@ -309,5 +309,5 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     follow_frame(memory, human, problem, solution, guard, UNSTAMPED, 0.)
     one.observe_deviations(JOINTS, angles, angles)
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
-    one.guard.lose_hand()
+    lose_hand(one.guard.pack)
     one.command(0.)

@@ -13,7 +13,7 @@ from ..calibration.least_squares import least_squares
 from ..core.model.capsules import blank_placement, hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from ..core.numerics.jit import as_item
+from ..core.numerics.packs import as_item
 from ..core.pose.contact import Mobility, separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.

@@ -1,7 +1,7 @@
 """Track a stream of marker messages, live or recorded: read, time, update.
 
 The one loop of the tracker node's slow path, of `hand_tracker track` and of the viewers; the
-fast path does the same in one kernel (`nodes.fast_path.kernel`).
+fast path does the same in one kernel (`nodes.fast_path.track_kernel`).
 """
 
 from __future__ import annotations

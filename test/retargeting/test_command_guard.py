@@ -5,6 +5,7 @@ import pytest
 from helpers.command_rules import CommandRules, use_deadman
 
 from hand_tracker.retargeting.command_guard import CommandGuard, GuardState
+from hand_tracker.retargeting.guard_kernel import lose_hand, observe_wanted
 from hand_tracker.retargeting.guard_options import GuardOptions, InvalidGuardOption
 
 NAMES = ('thumb', 'index', 'wrist')
@@ -30,7 +31,8 @@ class Rig:
         if robot is not None:
             self.guard.observe_robot(robot, self.now)
         if hand is not None:
-            self.guard.observe_hand(hand, self.now)
+            self.guard.judge_ages(self.now)
+            observe_wanted(self.guard.pack, np.array(hand, dtype=float), self.now)
         return self.guard.command(self.now)
 
     def run(self, seconds, **given):
@@ -284,7 +286,7 @@ def test_a_lost_hand_holds_and_is_never_zero():
 
 def test_a_hand_that_is_said_to_be_lost_holds_at_once():
     rig = Rig().following()
-    rig.guard.lose_hand()
+    lose_hand(rig.guard.pack)
     rig.tick(hand=None)
     assert rig.guard.state is GuardState.HOLDING
 
@@ -296,7 +298,7 @@ def test_a_hand_that_is_lost_as_it_moves_is_held_after_the_way_to_brake(
     before, command = (rig.run(.12, hand=np.array((.9, 1.5, -.9)))[-2:])
     speed = np.abs(command - before) / STEP
     assert speed.max() > .5
-    rig.guard.lose_hand()
+    lose_hand(rig.guard.pack)
     held = rig.run(.8, hand=None)
     assert rig.guard.state is GuardState.HOLDING
     braked = np.abs(np.array(held) - command)

@@ -16,7 +16,7 @@ from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.cli import robot as robot_command
 from hand_tracker.core.model.hand import JOINTS, SIDES
 from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 from hand_tracker.retargeting import retarget_kernel
 from hand_tracker.retargeting.retarget_options import InvalidRetargetOption, RetargetOptions
 from hand_tracker.retargeting.retarget_problem import make_problem, new_solution

@@ -19,7 +19,8 @@ from functools import partial
 
 import numpy as np
 
-from ..numerics.jit import indexed, jit
+from ..numerics.jit import jit
+from ..numerics.packs import indexed
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale
 
 STATE_SIZE = 9

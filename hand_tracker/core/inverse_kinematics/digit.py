@@ -13,7 +13,8 @@ import numpy as np
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, JOINTS, Hand
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
 from ..model.marker_layout import MARKERS, Mounting
-from ..numerics.jit import Pack, jit, packed
+from ..numerics.jit import jit
+from ..numerics.packs import Pack, packed
 from ..numerics.vectors import Vector, clamp, components, frame, rotate, subtract, vector
 from .abduction_plane import in_plane, plane_abduction
 from .fabrik import fabrik

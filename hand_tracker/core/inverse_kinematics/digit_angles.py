@@ -14,7 +14,8 @@ import numpy as np
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist
 from ..numerics.cholesky import factorise, fix_unknown, solve_damped, solve_factorised
-from ..numerics.jit import jit, local_floats
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import (
     Frame,
     Vector,

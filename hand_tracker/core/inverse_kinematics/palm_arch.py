@@ -14,7 +14,8 @@ from ..model.hand import FLEXION_JOINTS
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist, rigid_palm
 from ..numerics.cholesky import fix_unknown, solve_damped
-from ..numerics.jit import jit, local_floats
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import (
     Vector,
     add,

@@ -13,7 +13,8 @@ import numpy as np
 from ..model.palm_triangle import rigid_palm
 from ..model.states import REJECTED, SEEN, SWAPPED
 from ..numerics.assignment import number_rows
-from ..numerics.jit import jit, local_floats, local_integers
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_floats, local_integers
 from ..numerics.vectors import clamp, components, distance, store, subtract, vector
 from .plausibility import (
     EXCHANGE_MARGIN,

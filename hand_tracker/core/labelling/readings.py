@@ -14,7 +14,8 @@ import numpy as np
 
 from ..model.palm_triangle import complete_palm, rigid_palm
 from ..numerics.assignment import number_rows
-from ..numerics.jit import jit, local_flags, local_floats, local_integers
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_flags, local_floats, local_integers
 from ..numerics.vectors import (
     Vector,
     clamp,

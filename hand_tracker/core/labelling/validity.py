@@ -12,7 +12,8 @@ from ..filtering.tracks import Tracks
 from ..model.marker_rows import PRINCIPALS, MarkerRows, RowState
 from ..model.palm_triangle import PalmLimits, Wrist, complete_palm, palm_fault, palm_places
 from ..model.states import TRACKED
-from ..numerics.jit import jit, local_floats
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import distance, is_equal, store, vector
 
 COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate

@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numerics.jit import indexed, jit, local_floats, packed
+from ..numerics.jit import jit
+from ..numerics.packs import indexed, packed
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import Vector, add, clamp, dot, scale, subtract, vector
 from .hand import DIGITS, FINGERS, LINKS, Hand
 from .kinematics import JointTable, joint_table, place_digit_links

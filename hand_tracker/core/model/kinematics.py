@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..numerics.jit import indexed, jit
+from ..numerics.jit import jit
+from ..numerics.packs import indexed
 from .hand import (
     DIGITS,
     FINGER_JOINTS,

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import math
 import os
 import platform
 import re
@@ -36,8 +35,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
-Record = TypeVar('Record')
-Pack = Sequence  # Pack[Record]: a sequence of one record, from `packed`
 
 UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
 KERNELS_SIZE = 100_000_000  # [bytes] on disk, of all sets, with some to spare
@@ -363,6 +360,11 @@ def for_types_of(kernel: Kernel, arguments: Sequence[Any]) -> Kernel:
     return kernel.compile(tuple(map(_type_of, arguments)))
 
 
+def record_layout(layout: np.dtype) -> np.dtype:
+    """Return a layout of records, each time the same object, which numba recognises quickly."""
+    return _record_layouts.setdefault(layout, layout)
+
+
 def _type_of(argument: Any) -> Any:
     """Return numba's type of an argument, that of a pack as found before: it takes 1 ms to find."""
     numba: Any = import_module('numba')
@@ -372,168 +374,3 @@ def _type_of(argument: Any) -> Any:
     if layout not in _record_types:
         _record_types[layout] = numba.typeof(argument)
     return _record_types[layout]
-
-
-if COMPILED:
-    @jit
-    def indexed(array: Any) -> Any:
-        """Return an array in the form in which kernels read and write single numbers fastest."""
-        return array
-
-    @jit
-    def overwrite(pack: Any, other: Pack[Any]) -> None:
-        """Copy all values of one pack into another of the same layout."""
-        pack[0] = other[0]
-else:
-    # Plain Python gets floats of a memoryview, twice as fast as numpy's scalars.
-    indexed = memoryview  # type: ignore[assignment]
-
-    def overwrite(pack: Any, other: Pack[Any]) -> None:
-        """Copy all values of one pack into another of the same layout."""
-        for part, new in zip(pack[0], other[0]):
-            if hasattr(part, '_fields'):
-                overwrite((part,), (new,))
-            else:
-                part[...] = new
-
-
-def local_floats(shape: int | tuple[int, ...]) -> np.ndarray:
-    """Return zeros that a kernel uses until it returns; compiled, they lie on its stack.
-
-    Parameters
-    ----------
-    shape : int or tuple of int
-        Of the result; constants.
-    """
-    return np.zeros(shape)
-
-
-def local_integers(shape: int | tuple[int, ...]) -> np.ndarray:
-    """Return integer zeros that a kernel uses until it returns, as `local_floats` does."""
-    return np.zeros(shape, dtype=np.int64)
-
-
-def local_flags(shape: int | tuple[int, ...]) -> np.ndarray:
-    """Return False flags that a kernel uses until it returns, as `local_floats` does."""
-    return np.zeros(shape, dtype=np.bool_)
-
-
-def _put_on_stack(function: Callable[[Any], np.ndarray], kind: str) -> None:
-    """Compile a function that makes zeros of a constant shape as memory of its caller's stack."""
-    extending: Any = import_module('numba.extending')
-    core: Any = import_module('numba.core')
-    arrays: Any = import_module('numba.np.arrayobj')
-    item_type = getattr(core.types, kind)
-
-    def constants(shape: Any) -> tuple[int | None, ...]:
-        sizes = shape if isinstance(shape, core.types.BaseTuple) else (shape,)
-        return tuple(getattr(size, 'literal_value', None) for size in sizes)
-
-    @extending.type_callable(function)
-    def _type(context: Any) -> Callable[[Any], Any]:
-        def array_type(shape: Any) -> Any:
-            sizes = constants(shape)
-            return None if None in sizes else core.types.Array(item_type, len(sizes), 'C')
-
-        return array_type
-
-    @extending.lower_builtin(function, core.types.Any)
-    def _lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        def number(value: int) -> Any:
-            return context.get_constant(core.types.intp, value)
-
-        sizes: tuple[Any, ...] = constants(signature.args[0])
-        stored = context.get_data_type(item_type)
-        width = context.get_abi_sizeof(stored)
-        count = math.prod(sizes)
-        memory = core.cgutils.alloca_once(builder, stored, size=count)
-        core.cgutils.memset(builder, memory, number(width * count), 0)
-        array = arrays.make_array(signature.return_type)(context, builder)
-        strides = [number(width * math.prod(sizes[axis + 1:])) for axis in range(len(sizes))]
-        arrays.populate_array(
-            array, memory, [number(size) for size in sizes], strides, number(width), None)
-        return array._getvalue()
-
-
-if COMPILED:
-    for _function, _kind in (
-            (local_floats, 'float64'), (local_integers, 'int64'), (local_flags, 'bool_')):
-        _put_on_stack(_function, _kind)
-
-
-def packed(values: Record, as_record: bool = COMPILED) -> tuple[Any, Record]:
-    """Return nested named tuples of arrays as one argument of a kernel.
-
-    For compiled kernels this is a record array, which holds copies: arrays of a tuple would be
-    passed one by one, and each would cost every call 0.1 µs and every compilation 50 ms. Booleans
-    become bytes there. For plain Python it is a tuple of `values` as they are.
-
-    Parameters
-    ----------
-    values : NamedTuple
-        Of arrays, numbers and such tuples.
-    as_record : bool, optional
-        Whether for compiled kernels; as the kernels of this process when left out.
-
-    Returns
-    -------
-    pack : sequence of one
-        Its item has the fields of `values`.
-    values : NamedTuple
-        Of the same type; its arrays share memory with the pack.
-    """
-    if not as_record:
-        return (values,), values
-    layout = _layout(values)
-    # Numba recognises a layout quickly only if it is the same object.
-    record = np.zeros(1, _record_layouts.setdefault(layout, layout))
-    return record, _filled(record[0], values)
-
-
-def as_item(values: Record) -> Record:
-    """Return nested named tuples of arrays as kernels get them from a pack: as a record."""
-    return packed(values)[0][0]
-
-
-def empty_like_pack(pack: Pack[Record]) -> Pack[Record]:
-    """Return an uninitialised pack of the same layout."""
-    return empty_packs(pack, 1)[0]
-
-
-def empty_packs(pack: Pack[Any], count: int) -> list[Pack[Any]]:
-    """Return uninitialised packs of the same layout, in one block where they are records.
-
-    numpy takes as long to allocate one record of many fields as a thousand.
-    """
-    if isinstance(pack, np.ndarray):
-        return list(np.empty((count, len(pack)), pack.dtype))
-    return [(type(pack[0])(*(np.empty_like(part) for part in pack[0])),) for _ in range(count)]
-
-
-def parts(pack: Pack[Any]) -> tuple[Any, ...]:
-    """Return the arrays of a pack, in order."""
-    return pack.item() if isinstance(pack, np.ndarray) else tuple(pack[0])
-
-
-def _layout(values: Any) -> np.dtype:
-    kinds: list[tuple[Any, ...]] = []
-    for name, part in zip(values._fields, values):
-        if hasattr(part, '_fields'):
-            kinds.append((name, _layout(part)))
-        else:
-            part = np.asarray(part)
-            is_mask = part.dtype == bool and part.ndim > 0  # numba has no such arrays in records
-            kinds.append((name, np.uint8 if is_mask else part.dtype, part.shape))
-    return np.dtype(kinds, align=True)
-
-
-def _filled(record: Any, values: Any) -> Any:
-    parts = []
-    for name, part in zip(values._fields, values):
-        if hasattr(part, '_fields'):
-            parts.append(_filled(record[name], part))
-            continue
-        record[name] = part
-        view = record[name]
-        parts.append(view.view(bool) if np.asarray(part).dtype == bool else view)
-    return type(values)(*parts)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from .jit import jit, local_floats
+from .jit import jit
+from .stack_memory import local_floats
 from .vectors import (
     add,
     cross,

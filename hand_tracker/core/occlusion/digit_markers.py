@@ -10,7 +10,8 @@ import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Wrist
-from ..numerics.jit import jit, local_flags, local_floats
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_flags, local_floats
 from ..numerics.vectors import Vector, add, components, dot, frame, length, scale, subtract, vector
 from .prediction import Observation, PredictionOptions
 from .transdigital import DigitPrior, Transdigital, learn, regress_hidden

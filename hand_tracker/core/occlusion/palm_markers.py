@@ -10,8 +10,9 @@ import numpy as np
 from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Corners, Wrist, complete_palm, palm_places, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
-from ..numerics.jit import jit, local_floats
+from ..numerics.jit import jit
 from ..numerics.rigid_fit import step_rigidly
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import Vector, add, rotate, scale, store, subtract, vector
 from .prediction import Observation, PredictionOptions
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.hand import DIGITS, FLEXION_JOINTS
-from ..numerics.jit import jit, local_floats
+from ..numerics.jit import jit
+from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import clamp
 
 COORDINATES = 3 * len(DIGITS)

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
+from ..numerics.stack_memory import local_floats
 from .clutter import Cloud, Clutter, continue_clutter
 from .hand_track import (
     ASTRAY_DISTANCE,

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
+from ..numerics.stack_memory import local_floats
 from .hand_track import turn_rotation
 from .palm_search import (
     Candidates,

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
+from ..numerics.stack_memory import local_floats
 from .links import links_cost
 from .posture import (
     HIDDEN_COST,

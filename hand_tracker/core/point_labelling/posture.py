@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
+from ..numerics.stack_memory import local_floats
 from .prototypes import Prototype
 
 CLUTTER_DENSITY = 200.  # [1/m³] of points that are no marker of the hand; ours

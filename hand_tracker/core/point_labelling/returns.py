@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit, local_floats
+from ..numerics.jit import labelling_jit
+from ..numerics.stack_memory import local_floats
 from .clutter import CLUTTER_DEVIATION, STRETCH, Cloud, PointHistory
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
 from .links import marker_links_cost

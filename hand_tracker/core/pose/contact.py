@@ -19,7 +19,9 @@ from ..model.capsules import (
     place_digit_capsules,
 )
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
-from ..numerics.jit import indexed, jit, local_floats, local_integers
+from ..numerics.jit import jit
+from ..numerics.packs import indexed
+from ..numerics.stack_memory import local_floats, local_integers
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001         # [m] default overlap that rigidity leaves, as flesh yields; ours

@@ -1,6 +1,6 @@
 """The fast path: regular frames, from the middleware and back to it, in compiled code alone.
 
-`FastPath` is the tracker's, `CommandPath` that of a robot that follows; `kernel`
+`FastPath` is the tracker's, `CommandPath` that of a robot that follows; `track_kernel`
 and `command_kernel` are their arithmetic, `callback_path` what they share, `rcl` the C functions.
 `PacketRelay` brings packets of a source in the same process to the tracker's, in the source's
 thread, which then takes the place of the middleware's below.
@@ -24,9 +24,9 @@ mutex: the middleware's thread never asks for it.
 """
 
 from .command_path import CommandPath, ListedJoints
-from .middleware import PUBLISHER_SILENCE, FastPath, InstalledHand
 from .packet_relay import PacketRelay
 from .rcl import FastPathUnavailable
+from .track_path import PUBLISHER_SILENCE, FastPath, InstalledHand
 
 __all__ = ['PUBLISHER_SILENCE', 'CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand',
            'ListedJoints', 'PacketRelay']

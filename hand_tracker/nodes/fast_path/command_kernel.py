@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.numerics.jit import Pack, jit
+from ...core.numerics.jit import jit
+from ...core.numerics.packs import Pack
 from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN
 from ...messages.joint_states import STAMP_END, JointStateReader
 from ...messages.templates import fill_template
@@ -26,9 +27,9 @@ from ...retargeting.follow_kernel import (
 )
 from ...retargeting.guard_kernel import (
     GUARD_CAPACITY,
-    LACKS_JOINT,
     GuardMemory,
     observe_position,
+    refuse_robot,
 )
 from ...retargeting.human_hand import JOINT_COUNT, HumanHand
 from ...retargeting.retarget_kernel import Problem, Solution
@@ -283,7 +284,7 @@ def process_position(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
     if not _read_numbers(listed, octets):
         is_foreign = _is_foreign(listed, octets)
         if is_foreign:
-            guards[0].robot_fault[0] = LACKS_JOINT
+            refuse_robot(guards)
         return is_foreign
     for i in range(listed.used[0]):
         row = listed.rows[i]

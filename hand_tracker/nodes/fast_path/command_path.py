@@ -11,7 +11,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from ...core.numerics.jit import COMPILED, c_callback, packed
+from ...core.numerics.jit import COMPILED, c_callback
+from ...core.numerics.packs import packed
 from ...messages.joint_states import JointStateReader
 from ...messages.templates import Template
 from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
@@ -31,8 +32,8 @@ from .command_kernel import (
     process_hand,
     process_position,
 )
-from .kernel import install_reply
 from .rcl import FastPathUnavailable, address
+from .track_kernel import install_reply
 
 if COMPILED:
     from .rcl import at, call

@@ -10,9 +10,9 @@ from ...core.numerics import jit
 from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ...tracking.compile_kernels import compile_tracking, complete_set, run_compilation
 from ..serialization import codec_agrees
-from .middleware import FastPath
 from .packet_relay import PacketRelay
 from .rcl import FastPathUnavailable
+from .track_path import FastPath
 
 
 def main() -> int:

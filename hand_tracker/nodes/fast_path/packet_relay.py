@@ -17,19 +17,20 @@ from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
 from ...adapters.packet_structure import NO_PLACE, POINT_SIZE, PacketOrigin, PacketStructure
-from ...core.numerics.jit import COMPILED, Pack, c_callback, jit, packed
+from ...core.numerics.jit import COMPILED, c_callback, jit
+from ...core.numerics.packs import Pack, packed
 from ...messages.cdr import ENCAPSULATION
 from ...messages.templates import Template, fill_template
 from .callback_path import monotonic_ns
-from .kernel import MESSAGE_CAPACITY
 from .rcl import Rcl, address
+from .track_kernel import MESSAGE_CAPACITY
 
 if TYPE_CHECKING:
-    from .middleware import FastPath
+    from .track_path import FastPath
 
 if COMPILED:
-    from .middleware import HANDED_OVER
     from .rcl import at, call
+    from .track_path import HANDED_OVER
 
 PACKET_CAPACITY = MOST_AT_ONCE   # [bytes] of a packet that is relayed
 MOST_SOCKETS = 2

@@ -13,7 +13,7 @@ from hand_tracker.core.filtering.frame_clock import (
     advance_clock,
     initial_clock,
 )
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 
 
 class Clock:

@@ -29,7 +29,7 @@ from hand_tracker.core.model.marker_layout import (
     MarkerLayout,
     marker_positions,
 )
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 
 HAND = Hand.scaled()
 PAPER = MarkerLayout()

@@ -26,7 +26,7 @@ from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState
-from hand_tracker.core.numerics.jit import as_item, packed
+from hand_tracker.core.numerics.packs import as_item, packed
 from hand_tracker.simulation.motions import motion_named
 
 GATE, MARGIN, PATIENCE = 5., 1.5, .3

@@ -21,7 +21,7 @@ from hand_tracker.core.model.capsules import (
 )
 from hand_tracker.core.model.hand import DIGITS, FINGERS, LINKS, SIDES, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 
 settings.register_profile('capsules', deadline=None, max_examples=100, derandomize=True)
 settings.load_profile('capsules')

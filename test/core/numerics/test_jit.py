@@ -13,16 +13,8 @@ import pytest
 from helpers.allocations import counted_allocations
 
 from benchmarks.repository import REPOSITORY
-from hand_tracker.core.numerics.jit import (
-    CACHE_NAME,
-    COMPILED,
-    empty_like_pack,
-    empty_packs,
-    kernel_sources,
-    overwrite,
-    packed,
-    parts,
-)
+from hand_tracker.core.numerics.jit import CACHE_NAME, COMPILED, kernel_sources
+from hand_tracker.core.numerics.packs import empty_like_pack, empty_packs, overwrite, packed, parts
 from hand_tracker.core.pose.report import blank_report
 from hand_tracker.core.records import blank_state
 

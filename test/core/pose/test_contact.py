@@ -25,7 +25,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 from hand_tracker.core.pose.contact import (
     CONTACT_GAP,
     PENETRATION,

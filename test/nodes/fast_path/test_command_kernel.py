@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.packs import packed
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.joint_states import JointStateReader
 from hand_tracker.messages.stamps import Stamp, nanoseconds
@@ -22,7 +22,7 @@ from hand_tracker.nodes.fast_path.command_kernel import (
     process_hand,
     process_position,
 )
-from hand_tracker.nodes.fast_path.kernel import install_reply
+from hand_tracker.nodes.fast_path.track_kernel import install_reply
 from hand_tracker.retargeting.follow_kernel import (
     COMMANDED,
     NO_COMMAND,

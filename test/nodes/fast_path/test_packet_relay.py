@@ -15,7 +15,8 @@ from hand_tracker.adapters.clock_estimate import LONGEST_LOOK
 from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
 from hand_tracker.adapters.natnet_client import NatNetClient
 from hand_tracker.adapters.point_frame import MalformedFrame, of_subject, turned_upright
-from hand_tracker.core.numerics.jit import COMPILED, packed
+from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.numerics.packs import packed
 from hand_tracker.messages.cdr import ENCAPSULATION
 from hand_tracker.messages.stamps import Stamp, nanoseconds
 from hand_tracker.nodes.fast_path.packet_relay import (

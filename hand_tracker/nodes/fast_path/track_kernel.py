@@ -19,7 +19,8 @@ from ...core.inverse_kinematics.digit import Chains
 from ...core.model.marker_layout import MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY, ROW_CAPACITY, layout_rows
 from ...core.model.states import PALM_STATES
-from ...core.numerics.jit import Pack, jit, overwrite
+from ...core.numerics.jit import jit
+from ...core.numerics.packs import Pack, overwrite
 from ...core.numerics.quaternion import write_transforms
 from ...core.options import KernelOptions
 from ...core.pipeline import track_frame

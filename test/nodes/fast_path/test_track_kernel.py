@@ -32,7 +32,8 @@ from hand_tracker.core.model.states import (
     MarkerState,
     PalmState,
 )
-from hand_tracker.core.numerics.jit import COMPILED, empty_like_pack, overwrite, packed, parts
+from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.numerics.packs import empty_like_pack, overwrite, packed, parts
 from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import TYPE_STORE
@@ -70,7 +71,7 @@ from hand_tracker.messages.templates import (
     transform_numbers,
     transforms_template,
 )
-from hand_tracker.nodes.fast_path.kernel import (
+from hand_tracker.nodes.fast_path.track_kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
     MESSAGE_CAPACITY,

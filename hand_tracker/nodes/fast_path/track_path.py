@@ -15,7 +15,8 @@ from rclpy.subscription import Subscription
 
 from ...core.model.marker_layout import MARKERS, MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY
-from ...core.numerics.jit import COMPILED, c_callback, empty_like_pack, jit, load_kernel, packed
+from ...core.numerics.jit import COMPILED, c_callback, jit, load_kernel
+from ...core.numerics.packs import empty_like_pack, packed
 from ...core.tracker import HandTracker
 from ...messages.cdr import MessageSignature
 from ...messages.stamps import Stamp, Time
@@ -30,7 +31,8 @@ from .callback_path import (
     publish_all,
     set_enabled,
 )
-from .kernel import (
+from .rcl import address
+from .track_kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
     MOST_HANDS,
@@ -51,7 +53,6 @@ from .kernel import (
     process_message,
     state_runs,
 )
-from .rcl import address
 
 if COMPILED:
     from numba import carray
