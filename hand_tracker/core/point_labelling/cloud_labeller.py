@@ -5,7 +5,6 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,20 +50,9 @@ TOGETHER_MARGIN, TOGETHER_GAP = 30., .3
 REVIEW_PERIOD = .25         # [s] between two joint searches, up to twice that; ours
 FOREIGN_COST = 12.          # of each point that only the mirrored hand has; ours
 UNTIMED_STEP = 1. / 120.     # [s]
-
-
-@dataclass(frozen=True)
-class LabellerOptions:
-    """Options of the labeller.
-
-    Parameters
-    ----------
-    patience : float
-        Time after which a hand with an implausible posture, or hardly seen, is lost [s]; a label
-        that the other markers contradict is dropped after half of it.
-    """
-
-    patience: float = .2
+# [s] after which a hand with an implausible posture, or hardly seen, is lost; a label that the
+# other markers contradict is dropped after half of it; ours.
+PATIENCE = .2
 
 
 class CloudLabels(NamedTuple):
@@ -212,7 +200,6 @@ class CloudLabeller:
     ----------
     prototypes : sequence of HandPrototype
         One for each hand to find.
-    options : LabellerOptions, optional
 
     Examples
     --------
@@ -221,9 +208,7 @@ class CloudLabeller:
     >>> index = labels.rows[0][prototype.names.index('index')]
     """
 
-    def __init__(self, prototypes: Sequence[HandPrototype],
-                 options: LabellerOptions | None = None) -> None:
-        self.options = LabellerOptions() if options is None else options
+    def __init__(self, prototypes: Sequence[HandPrototype]) -> None:
         self._time: float | None = None
         self._hands: list[_Hand] = []
         count = 0
@@ -349,7 +334,7 @@ class CloudLabeller:
         arguments = (
             tuple(hand.statistics for hand in hands), tracks, self._clutter, self._last, frame,
             np.array([hand.first_marker for hand in hands]), (self._last_step, step),
-            float(self.options.patience), lost)
+            PATIENCE, lost)
         # The argument types depend on the number of hands alone.
         which = kernel(follow_cloud), len(hands)
         if which not in self._follow_cloud:
@@ -367,7 +352,7 @@ class CloudLabeller:
         stays unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
-        in_doubt = is_over or track.unlikely_for[0] > self.options.patience
+        in_doubt = is_over or track.unlikely_for[0] > PATIENCE
         # With many markers a search takes longer than a frame, and shows the side at once.
         is_due = hand.count <= MOST_CHECKED and hand.side.is_due(self._has_reviewed)
         if not hand.confirmed or not (in_doubt or is_due):
