@@ -6,7 +6,6 @@ docs/teleoperation.md.
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,19 +30,14 @@ from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
-from ..messages.stamps import UNSTAMPED, Stamp, nanoseconds, stamp_of, stands_still
+from ..messages.stamps import Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import LoadedRobot, load_robot
 from ..retargeting.teleoperation import Teleoperation, compile_following
-from ..retargeting.wrist_follower import (
-    WristCommand,
-    WristFollower,
-    WristOptions,
-    WristPose,
-    wrist_pose_of,
-)
+from ..retargeting.wrist_follower import WristCommand, WristOptions, wrist_pose_of
+from ..retargeting.wrist_teleoperation import WristTeleoperation
 from ..tracking.compilation import COMPILE_TIME
 from ..tracking.diagnostics import Level, Status
 from .command_messages import OUTPUTS, command_template
@@ -94,6 +88,7 @@ class RetargetNode(SubscriptionHidingNode):
     """Node that drives one robot hand by one human hand."""
 
     _fast_path: CommandPath | None = None
+    _wrist: WristTeleoperation | None = None
     _shown: Publisher | None = None
 
     def __init__(self) -> None:
@@ -113,15 +108,14 @@ class RetargetNode(SubscriptionHidingNode):
         self._outputs = self._make_command_outputs(values)
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
-        self._sends_wrist_poses = any(name == 'pose' for name, _ in self._wrist_outputs)
         self._compile(loaded, hand)
+        self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         if self._wrist_outputs:
             # Not without need, as it imports scipy, which takes longer than all else here.
-            self._wrist = WristFollower(options_of(WristOptions, values, 'wrist.'))
-        self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
-        self._robot_wrist: WristPose | None = None
-        self._robot_wrist_time, self._robot_wrist_stamp = -math.inf, UNSTAMPED
-        self._is_clutched, self._wrist_fault, self._frame_fault = False, '', ''
+            self._wrist = WristTeleoperation(
+                options_of(WristOptions, values, 'wrist.'), self._base_frame,
+                any(name == 'pose' for name, _ in self._wrist_outputs),
+                self._teleoperation.guard.options.robot_timeout)
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
@@ -300,6 +294,7 @@ class RetargetNode(SubscriptionHidingNode):
             robot.names, robot.positions, time.monotonic(), nanoseconds(robot.stamp))
 
     def _on_transforms(self, message: Any) -> None:
+        assert self._wrist is not None
         for transform in message.transforms:
             if transform.child_frame_id == self._wrist_frame:
                 now = time.monotonic()
@@ -308,21 +303,15 @@ class RetargetNode(SubscriptionHidingNode):
                 self._send_wrist(now)
 
     def _on_robot_wrist(self, message: PoseStamped) -> None:
-        frame = message.header.frame_id
-        self._frame_fault = '' if frame in ('', self._base_frame) else (
-            f"robot/wrist_pose: frame_id '{frame}'; expected wrist.base_frame, "
-            f"'{self._base_frame}'")
-        if self._frame_fault:
-            self.get_logger().warning(f'left out: {self._frame_fault}', once=True)
-            return
-        stamp, pose = nanoseconds(message.header.stamp), wrist_pose_of(*pose_numbers(message.pose))
-        is_repeated = stands_still(stamp, self._robot_wrist_stamp)
-        self._robot_wrist_stamp = stamp
-        if pose is not None and not is_repeated:
-            self._robot_wrist, self._robot_wrist_time = pose, time.monotonic()
+        assert self._wrist is not None
+        if fault := self._wrist.observe_robot(
+                wrist_pose_of(*pose_numbers(message.pose)), time.monotonic(),
+                message.header.frame_id, nanoseconds(message.header.stamp)):
+            self.get_logger().warning(f'left out: {fault}', once=True)
 
     def _on_clutch(self, message: Bool) -> None:
-        self._is_clutched = message.data
+        assert self._wrist is not None
+        self._wrist.is_clutched = message.data
 
     def _on_timer(self) -> None:
         now, sent, guard = time.monotonic(), self._sent, self._teleoperation.guard
@@ -334,18 +323,9 @@ class RetargetNode(SubscriptionHidingNode):
             self._send(now)
         elif not guard.is_engaged:
             guard.judge_ages(now)
-        if self._wrist_outputs and self._wrist_pace.is_due(now, self._wrist_sent):
+        if self._wrist is not None and self._wrist_pace.is_due(now, self._wrist_sent):
             self._send_wrist(now)
         self._publish_state()
-
-    def _is_robot_wrist_old(self, now: float) -> bool:
-        return now - self._robot_wrist_time > self._teleoperation.guard.options.robot_timeout
-
-    def _wrist_start(self, now: float) -> WristPose | None:
-        """Return the pose of the robot's wrist; for twists alone any pose will do."""
-        if not self._is_robot_wrist_old(now):
-            return self._robot_wrist
-        return None if self._sends_wrist_poses else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
 
     def _on_deadman(self, message: Bool) -> None:
         self._take_over()
@@ -391,13 +371,8 @@ class RetargetNode(SubscriptionHidingNode):
             self._hand_fault, self._faulty_reason = (
                 f'{UNPUBLISHED} {topic}', guard.reason)
             reason = f'{reason}; {self._hand_fault}'
-        if self._wrist_outputs and not reason and not self._wrist.is_engaged:
-            start = self._wrist_start(now)
-            missing = self._wrist.engage(start, now)
-            if start is None and self._frame_fault:
-                missing = self._frame_fault
-            self._wrist_fault = missing and (
-                f'the arm stays where it is: {missing}; once that is mended, engage anew')
+        if self._wrist is not None and not reason:
+            self._wrist.engage(now)
         return reason
 
     def _send(self, now: float, stamp: Stamp | None = None) -> None:
@@ -419,22 +394,19 @@ class RetargetNode(SubscriptionHidingNode):
     def _send_wrist(self, now: float) -> None:
         """Send the wrist's command; it moves only while the fingers follow."""
         self._wrist_sent = now
+        assert self._wrist is not None
         guard = self._teleoperation.guard
-        self._wrist.clutch(self._is_clutched or not guard.is_following)
-        if self._wrist.is_engaged and self._sends_wrist_poses and self._is_robot_wrist_old(now):
-            # As of fingers whose joint states end: the arm may start anew elsewhere.
+        if reason := self._wrist.ended(now):
             self._take_over()
-            guard.disengage("the pose of the robot's wrist ended" + (
-                f': {self._frame_fault}' if self._frame_fault else ''))
+            guard.disengage(reason)
         if not guard.is_engaged:
             self._stop_wrist()
             self._publish_state()
-        self._publish_wrist(self._wrist.command(now), ('pose', 'twist'))
+        self._publish_wrist(self._wrist.command(now, guard.is_following), ('pose', 'twist'))
 
     def _stop_wrist(self) -> None:
         """Let the arm stay where it is: a twist that nobody follows by another ends in zero."""
-        self._wrist_fault = ''
-        if self._wrist_outputs:
+        if self._wrist is not None:
             self._publish_wrist(self._wrist.disengage(), ('twist',))
 
     def _publish_wrist(self, sent: WristCommand | None, kinds: Sequence[str]) -> None:
@@ -454,12 +426,10 @@ class RetargetNode(SubscriptionHidingNode):
             self._hand_fault if guard.reason == self._faulty_reason else '')
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
-    def _wrist_status(self) -> str:
-        """Return which pose the arm lacks, engaged or not, or that it is held; else 'ok'."""
-        now = time.monotonic()
-        return (self._frame_fault or self._wrist_fault
-                or self._wrist.missing(self._wrist_start(now), now)
-                or ('held by the clutch' if self._is_clutched else 'ok'))
+    @property
+    def _wrist_fault(self) -> str:
+        """Why the arm stays though the fingers are engaged, or nothing."""
+        return '' if self._wrist is None else self._wrist.fault
 
     def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""
@@ -522,7 +492,7 @@ class RetargetNode(SubscriptionHidingNode):
             'refused values': str(guard.refused_values),
             'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),
-            **({'wrist': self._wrist_status()} if self._wrist_outputs else {})})
+            **({} if self._wrist is None else {'wrist': self._wrist.status(time.monotonic())})})
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
 

@@ -139,7 +139,7 @@ class TrackedHand:
         self._monitor.check_side(self.hand, self._tracker.layout)
         if self.labels_points:
             self._warn_of_usual_shape()
-        self._check_labels()
+        self._check_exchange()
 
     # Frames
 
@@ -202,14 +202,14 @@ class TrackedHand:
             "of the hand, as with labels:='none', until other labels.* are set")
         self.labels_points = True
         self._warn_of_usual_shape()
-        self._check_labels()
+        self._check_exchange()
         self.stream.reader = self._new_reader()
         self.stream.compile_for_points()
         self._node.disable_fast_path()
 
-    def _check_labels(self) -> None:
+    def _check_exchange(self) -> None:
         """Check the labels of the markers in the frames to come, where they have any."""
-        self._monitor.check_labels(None if self.labels_points else ExchangeCheck(
+        self._monitor.check_exchange(None if self.labels_points else ExchangeCheck(
             self._tracker.hand, self._tracker.layout))
 
     def _warn_of_usual_shape(self) -> None:
@@ -300,7 +300,7 @@ class TrackedHand:
             self.labels_points = self._starts_without_labels
             self._node.get_logger().info('the labels of the markers are used again')
         if uses_labels_again or layout is not None:
-            self._check_labels()
+            self._check_exchange()
         has_other_unit = former.unit_scale != self.settings.unit_scale
         if has_other_unit:
             self._forget_frames()

@@ -18,7 +18,7 @@ from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
 from .exchange_check import ExchangeCheck
 from .input_monitor import OFF_HAND_DISTANCE, InputMonitor, StateRun
-from .marker_events import LabelChanges
+from .label_changes import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
 from .stream import TrackedFrame
@@ -173,7 +173,7 @@ class Monitor:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
 
-    def check_labels(self, check: ExchangeCheck | None) -> None:
+    def check_exchange(self, check: ExchangeCheck | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
         self._exchange_check = check
         self._input.exchanged({})
@@ -182,7 +182,7 @@ class Monitor:
         """Expect other labels from the next message on."""
         if labels.labels != self._input.labels.labels:
             self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
-            self._begin_label_check()
+            self._begin_exchange_check()
         self._input.labels = labels
 
     def forget_fit(self) -> None:
@@ -228,7 +228,7 @@ class Monitor:
         is_alike = not self._input.is_wrong and self._alike.add(frame, published)
         if not is_alike or self._alike.duration >= ALIKE_TIME:
             self._flush()
-            self._check_labels_of_digits()  # more often than lines are asked for
+            self._find_exchanged_labels()  # more often than lines are asked for
         if not is_alike:
             self.update(TrackedFrames.of(frame, published))
 
@@ -260,7 +260,7 @@ class Monitor:
                 frames.markers, frames.received[-1])
         if frames.restarted:
             self._input.restarted()
-            self._begin_label_check()
+            self._begin_exchange_check()
         for published, states in frames.runs:
             self._input.tracked(published, states)
         self._last = frames.state, frames.times[-1]
@@ -292,7 +292,7 @@ class Monitor:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         self._flush()
         self._check_side_of_hand()
-        self._check_labels_of_digits()
+        self._find_exchanged_labels()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
@@ -322,15 +322,15 @@ class Monitor:
         if is_other_side is False:
             self._side_check = None
 
-    def _check_labels_of_digits(self) -> None:
-        """Check the labels by the last frame."""
+    def _find_exchanged_labels(self) -> None:
+        """Check by the last frame which labels of digits are exchanged."""
         if self._exchange_check is None or self._last is None or self._input.is_wrong:
             return
         rather = self._exchange_check.add(*self._last)
         if rather is not None:
             self._input.exchanged(rather)
 
-    def _begin_label_check(self) -> None:
+    def _begin_exchange_check(self) -> None:
         """Check the labels anew, as if no frame had come yet."""
         if self._exchange_check is not None:
             self._exchange_check.begin()

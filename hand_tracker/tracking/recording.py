@@ -197,7 +197,7 @@ class RecordedHand:
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
             if reading.has_labels:
-                monitor.check_labels(ExchangeCheck(tracker.hand, tracker.layout))
+                monitor.check_exchange(ExchangeCheck(tracker.hand, tracker.layout))
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

@@ -200,7 +200,7 @@ def test_a_hand_of_the_other_side_is_wrong_until_it_is_of_this_side():
 def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
     hand = Hand.scaled()
     found, tracker = monitor(), HandTracker(hand)
-    found.check_labels(ExchangeCheck(hand, tracker.layout))
+    found.check_exchange(ExchangeCheck(hand, tracker.layout))
     lines, states = [], []
     for number in range(400):
         frame = hand_at(hand.relaxed() * (1. + .5 * np.sin(number)))
@@ -223,7 +223,7 @@ def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
     assert status(found, 40.)[:2] == fine and look(41.)[0] is Level.WARN
     found.set_labels(LabelMap(['0', '1', '2', '4', '3', '5', '6', '7']))
     assert status(found, 81.)[:2] == fine and look(82.)[0] is Level.WARN
-    found.check_labels(None)
+    found.check_exchange(None)
     assert status(found, 122.)[:2] == fine == look(122.)
 
 
