@@ -419,6 +419,8 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
                  seen: np.ndarray, step: float) -> None:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
+    In the first frame with a palm they are taken as they are; the wrist is placed from then on.
+
     Parameters
     ----------
     chains, options, state : packs

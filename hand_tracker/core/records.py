@@ -56,6 +56,8 @@ class Model(NamedTuple):
 class State(NamedTuple):
     """Everything the tracker keeps from frame to frame, of a right hand.
 
+    And what a step leaves to later steps of the same frame: "This frame's".
+
     Attributes
     ----------
     palm : Tracks

@@ -13,7 +13,8 @@ import numpy as np
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
-from .input_monitor import BAD_FIT_RESIDUAL, PALM_FAULTS, InputMonitor, StateRun
+from .fit_check import BAD_FIT_RESIDUAL
+from .input_monitor import PALM_FAULTS, InputMonitor, StateRun
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
 STATUS_GAP = .1     # [s] at least between two changes that are published
@@ -267,8 +268,8 @@ class Diagnostics:
             troubles.append(f'no markers for {quiet:.1f} s')
         if self._input.label_doubt is not None:
             troubles.append(self._input.label_doubt)
-        if self._input.misfit > BAD_FIT_RESIDUAL:
-            troubles.append(f'{1e3 * self._input.misfit:.1f} mm off the hand on average')
+        if self._input.fit.misfit > BAD_FIT_RESIDUAL:
+            troubles.append(f'{1e3 * self._input.fit.misfit:.1f} mm off the hand on average')
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
 
 

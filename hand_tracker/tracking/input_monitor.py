@@ -6,7 +6,6 @@ logged at the rate of the markers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from ..core.tracker import HandState
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import NO_STAMP, Stamp, Time, is_repeated, seconds
+from .fit_check import BAD_FIT_RESIDUAL, OFF_HAND_DISTANCE, FitCheck
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter, OncePerKey
 from .setting_names import PARAMETER_NAMES, SettingNames
@@ -31,15 +31,6 @@ START_UP = 20.
 SENDS_NOTHING = 'sends nothing that arrives; is it paused?'
 UNDISCOVERED = 'a node not yet discovered'
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
-OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
-OFF_HAND_AFTER = 2.  # [s] before more than that is said
-# Fitted hands: 0 to 2.4 mm; 5 % too long or short: up to 3.3; markers on the skin: 5 to 8.
-BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
-FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
-FIT_AFTER_AT_END = 2.  # [s]
-# A hand far off on average is tracked again once it is nearer than FITS_AGAIN for REFIT_AFTER.
-REFIT_AFTER, FITS_AGAIN = 2., .010     # [s, m]; ours
-FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
 PALM_FAULTS = {
@@ -67,52 +58,6 @@ class StateRun(NamedTuple):
     residuals: np.ndarray
 
 
-class FitStatistics:
-    """The mean residual of the seen markers over seconds of tracking."""
-
-    def __init__(self) -> None:
-        self._last: float | None = None
-        self._reset()
-
-    def _reset(self) -> None:
-        self._seconds = self._total = 0.
-
-    def add(self, now: float, residual: float) -> None:
-        """Add a frame.
-
-        Parameters
-        ----------
-        now : float
-            [s]
-        residual : float
-            Mean distance of its seen markers from the hand [m].
-        """
-        if self._last is not None:
-            step = min(now - self._last, FIT_STEP)
-            self._seconds += step
-            self._total += step * residual
-        self._last = now
-
-    def mean(self, least: float) -> float | None:
-        """Return the mean residual once enough was tracked, and begin anew.
-
-        Parameters
-        ----------
-        least : float
-            [s]
-
-        Returns
-        -------
-        float or None
-            [m]
-        """
-        if self._seconds < least:
-            return None
-        mean = self._total / self._seconds
-        self._reset()
-        return mean
-
-
 class InputMonitor:
     """Monitor the input of one tracker.
 
@@ -132,8 +77,7 @@ class InputMonitor:
         Side of a hand from whose palm the fingers bend away.
     label_doubt : str or None
         Which labels look exchanged.
-    misfit : float
-        Distance of the markers from the hand, on average over the last `FIT_AFTER` of tracking [m].
+    fit : FitCheck
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,
@@ -147,13 +91,9 @@ class InputMonitor:
         self._state: HandState | StateRun | None = None
         self._started: float | None = None
         self._fault: str | None = None
-        self._residual = 0.  # [m]
-        self._off_since: float | None = None
-        self._is_off = False  # far off the hand for long
+        self.fit = FitCheck()
         self._announced: PalmState | str | None = None
         self._has_tracked = False
-        self._fit, self.misfit = FitStatistics(), 0.
-        self._is_misfit = False  # far off the hand on average, though not in each frame
         self._stamp = NO_STAMP
         self._standing = 0
         self.bends_away_from: str | None = None
@@ -241,17 +181,10 @@ class InputMonitor:
             self._fault = self._palm_fault(palm) if palm in PALM_FAULTS else self._fault
         if self._started is None and palm is PalmState.TRACKED:
             self._started = now
-        residual = mean_residual(state.residuals)
-        self._residual = 0. if math.isnan(residual) else residual
-        if palm is not PalmState.TRACKED or self._residual <= OFF_HAND_DISTANCE:
-            self._off_since = None
-        elif self._off_since is None:
-            self._off_since = now
-        self._is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
-        if (palm is PalmState.TRACKED and self.bends_away_from is None and not self._is_off
-                and not math.isnan(residual)):
-            self._fit.add(now, self._residual)
-        self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
+        is_tracked = palm is PalmState.TRACKED
+        self.fit.add(now, mean_residual(state.residuals), is_tracked,
+                     is_of_side=self.bends_away_from is None)
+        self._events.update(now, state.marker_states, is_tracked)
 
     def exchanged(self, rather: Mapping[int, int]) -> None:
         """Note which markers are rather others, as of `ExchangeCheck.add`, until noted anew."""
@@ -266,10 +199,10 @@ class InputMonitor:
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
-        miss = self._fit.mean(FIT_AFTER_AT_END)
+        miss = self.fit.end()
         if miss is None:
             return
-        self._note_fit(miss)
+        self._warn_of_bad_fit(miss)
         if miss > OFF_HAND_DISTANCE and not self.is_wrong:
             self.warn_once('fit', f'the markers are on average {1e3 * miss:.0f} mm off the hand: '
                            f'{self._why_off}?')
@@ -280,10 +213,6 @@ class InputMonitor:
         self.warn_once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
                   'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
                   'old ones')
-
-    def forget_fit(self) -> None:
-        """Judge anew how well the hand fits, as of another one or by other labels."""
-        self._fit, self.misfit, self._is_misfit = FitStatistics(), 0., False
 
     def warn_once(self, key: Hashable, text: str) -> None:
         """Log a warning once for each key, for a bounded number of keys.
@@ -315,7 +244,8 @@ class InputMonitor:
         """
         if self._started is not None and now - self._started >= NEVER_SEEN_AFTER:
             self._name_the_never_seen()
-        self._judge_fit()
+        if (miss := self.fit.judge()) is not None:
+            self._warn_of_bad_fit(miss)
         lines = [(True, text) for text in self._pending]
         self._pending = []
         situation, who = self.situation(now), None
@@ -344,7 +274,7 @@ class InputMonitor:
     @property
     def is_wrong(self) -> bool:
         """Whether the markers are of the other hand, or far off the hand for long."""
-        return self.bends_away_from is not None or self._is_off or self._is_misfit
+        return self.bends_away_from is not None or self.fit.is_off or self.fit.is_misfit
 
     def quiet_for(self, now: float) -> float:
         """Return the time without a marker of the hand at a time `now` [s]."""
@@ -370,7 +300,7 @@ class InputMonitor:
             return 'unlabelled'
         if self.bends_away_from is not None:
             return 'mirrored'
-        if self._is_off or self._is_misfit and self._palm is PalmState.TRACKED:
+        if self.fit.is_off or self.fit.is_misfit and self._palm is PalmState.TRACKED:
             return 'off'
         return self._palm
 
@@ -407,7 +337,7 @@ class InputMonitor:
         if (fault := self.side_fault()) is not None and situation == 'mirrored':
             return fault
         if situation == 'off':
-            miss = self._residual if self._is_off else self.misfit
+            miss = self.fit.residual if self.fit.is_off else self.fit.misfit
             return (f'the markers are on average {1e3 * miss:.0f} mm off the hand, which '
                     f'is left out: {self._why_off}?')
         if situation is PalmState.TRACKED:
@@ -499,21 +429,8 @@ class InputMonitor:
         return ', '.join(self.names.marker.format(label=labels[slot], name=names[slot])
                          if labels[slot] else names[slot] for slot in slots)
 
-    def _judge_fit(self) -> None:
-        miss = self._fit.mean(REFIT_AFTER if self._is_misfit else FIT_AFTER)
-        if miss is None:
-            return
-        if not self._is_misfit:
-            self._is_misfit = miss > OFF_HAND_DISTANCE
-            self._note_fit(miss)
-        elif miss <= FITS_AGAIN:
-            self.forget_fit()   # frames of before count in this mean
-        else:
-            self.misfit = miss
-
-    def _note_fit(self, miss: float) -> None:
-        """Note how far the markers are off the hand on average [m]; warn of a bad fit."""
-        self.misfit = miss
+    def _warn_of_bad_fit(self, miss: float) -> None:
+        """Warn of a hand that is a bad fit by its mean residual [m]."""
         # What is farther off is another's hand, or mislabelled, and said as such.
         if BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
             self.warn_once(

@@ -17,7 +17,8 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
 from .exchange_check import ExchangeCheck
-from .input_monitor import OFF_HAND_DISTANCE, InputMonitor, StateRun
+from .fit_check import OFF_HAND_DISTANCE
+from .input_monitor import InputMonitor, StateRun
 from .label_changes import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
@@ -187,7 +188,7 @@ class Monitor:
 
     def forget_fit(self) -> None:
         """Judge the fit of the hand anew: of another one, by other labels or in another unit."""
-        self._input.forget_fit()
+        self._input.fit.forget()
 
     @property
     def is_wrong(self) -> bool:

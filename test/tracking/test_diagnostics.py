@@ -9,12 +9,8 @@ from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.tracking.diagnostics import QUIET_AFTER, STATUS_GAP, Diagnostics, Level
-from hand_tracker.tracking.input_monitor import (
-    FIT_AFTER,
-    OFF_HAND_AFTER,
-    SILENT_AFTER,
-    InputMonitor,
-)
+from hand_tracker.tracking.fit_check import FIT_AFTER, OFF_HAND_AFTER
+from hand_tracker.tracking.input_monitor import SILENT_AFTER, InputMonitor
 
 
 class Hand:
@@ -124,7 +120,7 @@ def test_a_hand_that_fits_badly_and_markers_that_have_just_ended_are_warned_of()
     assert hand.status(now)[:2] == (Level.OK, 'tracking')
     hand.watch.report(now, str)
     assert hand.status(now)[:2] == (Level.WARN, 'tracking; 8.0 mm off the hand on average')
-    hand.watch.forget_fit()
+    hand.watch.fit.forget()
     assert hand.status(now + QUIET_AFTER)[:2] == (Level.OK, 'tracking')
     assert hand.status(now + QUIET_AFTER + .2)[:2] == (
         Level.WARN, 'tracking; no markers for 1.2 s')

@@ -16,10 +16,8 @@ from hand_tracker.messages.stamps import Stamp
 from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
+from hand_tracker.tracking.fit_check import FIT_AFTER, OFF_HAND_AFTER, REFIT_AFTER
 from hand_tracker.tracking.input_monitor import (
-    FIT_AFTER,
-    OFF_HAND_AFTER,
-    REFIT_AFTER,
     SENDS_NOTHING,
     SILENT_AFTER,
     STANDING_STAMPS,

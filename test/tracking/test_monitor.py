@@ -13,7 +13,8 @@ from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
 from hand_tracker.tracking.exchange_check import ExchangeCheck
-from hand_tracker.tracking.input_monitor import OFF_HAND_DISTANCE, SILENT_AFTER
+from hand_tracker.tracking.fit_check import OFF_HAND_DISTANCE
+from hand_tracker.tracking.input_monitor import SILENT_AFTER
 from hand_tracker.tracking.monitor import AlikeFrames, Monitor, TrackedFrames
 from hand_tracker.tracking.rate_limit import KEYS_LOGGED
 from hand_tracker.tracking.stream import TrackedFrame

@@ -52,7 +52,7 @@ FOREIGN_COST = 12.          # of each point that only the mirrored hand has; our
 UNTIMED_STEP = 1. / 120.     # [s]
 # [s] after which a hand with an implausible posture, or hardly seen, is lost; a label that the
 # other markers contradict is dropped after half of it; ours.
-PATIENCE = .2
+LABEL_PATIENCE = .2
 
 
 class CloudLabels(NamedTuple):
@@ -334,7 +334,7 @@ class CloudLabeller:
         arguments = (
             tuple(hand.statistics for hand in hands), tracks, self._clutter, self._last, frame,
             np.array([hand.first_marker for hand in hands]), (self._last_step, step),
-            PATIENCE, lost)
+            LABEL_PATIENCE, lost)
         # The argument types depend on the number of hands alone.
         which = kernel(follow_cloud), len(hands)
         if which not in self._follow_cloud:
@@ -352,7 +352,7 @@ class CloudLabeller:
         stays unlikely.
         """
         is_over = -step < track.shaken_for[0] <= 0.
-        in_doubt = is_over or track.unlikely_for[0] > PATIENCE
+        in_doubt = is_over or track.unlikely_for[0] > LABEL_PATIENCE
         # With many markers a search takes longer than a frame, and shows the side at once.
         is_due = hand.count <= MOST_CHECKED and hand.side.is_due(self._has_reviewed)
         if not hand.confirmed or not (in_doubt or is_due):

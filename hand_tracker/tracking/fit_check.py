@@ -1,0 +1,101 @@
+"""Whether the hand fits the markers: their distance from it, frame by frame and over seconds."""
+
+from __future__ import annotations
+
+import math
+
+OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
+OFF_HAND_AFTER = 2.  # [s] after which a hand with more in every frame is left out
+# Fitted hands: 0 to 2.4 mm; 5 % too long or short: up to 3.3; markers on the skin: 5 to 8.
+BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
+FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
+FIT_AFTER_AT_END = 2.  # [s]
+# A hand far off on average is tracked again once it is nearer than FITS_AGAIN for REFIT_AFTER.
+REFIT_AFTER, FITS_AGAIN = 2., .010     # [s, m]; ours
+FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
+
+
+class FitCheck:
+    """Judge a hand by the mean residual of its seen markers.
+
+    Attributes
+    ----------
+    residual : float
+        Of the last frame, 0 without a marker [m].
+    misfit : float
+        Mean over the last `FIT_AFTER` of tracking [m].
+    is_off : bool
+        Whether every frame is far off the hand, for long.
+    is_misfit : bool
+        Whether frames are far off on average, though not each one.
+    """
+
+    def __init__(self) -> None:
+        self.residual = 0.
+        self.is_off = False
+        self._off_since: float | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin the mean anew, as of another hand or by other labels."""
+        self.misfit, self.is_misfit = 0., False
+        self._last: float | None = None
+        self._seconds = self._total = 0.
+
+    def add(self, now: float, residual: float, is_tracked: bool, is_of_side: bool) -> None:
+        """Add a frame.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        residual : float
+            Mean distance of its seen markers from the hand, NaN without one [m].
+        is_tracked : bool
+            Whether the palm is tracked; else the frame says nothing of the fit.
+        is_of_side : bool
+            Whether the hand is of this side; else its mean says nothing.
+        """
+        is_seen = not math.isnan(residual)
+        self.residual = residual if is_seen else 0.
+        if not is_tracked or self.residual <= OFF_HAND_DISTANCE:
+            self._off_since = None
+        elif self._off_since is None:
+            self._off_since = now
+        self.is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
+        if not (is_tracked and is_of_side and is_seen) or self.is_off:
+            return
+        if self._last is not None:
+            step = min(now - self._last, FIT_STEP)
+            self._seconds += step
+            self._total += step * residual
+        self._last = now
+
+    def judge(self) -> float | None:
+        """Judge the mean once enough was tracked; return it where it is a new one of a hand [m]."""
+        miss = self._mean(REFIT_AFTER if self.is_misfit else FIT_AFTER)
+        if miss is None:
+            return None
+        if self.is_misfit:
+            if miss <= FITS_AGAIN:
+                self.forget()   # frames of before count in this mean
+            else:
+                self.misfit = miss
+            return None
+        self.misfit, self.is_misfit = miss, miss > OFF_HAND_DISTANCE
+        return miss
+
+    def end(self) -> float | None:
+        """Return the mean as the input ends, None where too little was tracked [m]."""
+        miss = self._mean(FIT_AFTER_AT_END)
+        if miss is not None:
+            self.misfit = miss
+        return miss
+
+    def _mean(self, least: float) -> float | None:
+        """Return the mean residual once so much [s] was tracked, and begin it anew."""
+        if self._seconds < least:
+            return None
+        mean = self._total / self._seconds
+        self._seconds = self._total = 0.
+        return mean
