@@ -124,18 +124,15 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     return float(np.clip(weights[clear > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
 
 
-def side_by_shape(recording: PointRecording, side: str = '') -> str:
+def side_by_shape(recording: PointRecording) -> str:
     """Return the side of a hand that its shape decides, empty where it does not.
 
     Parameters
     ----------
     recording : PointRecording
-    side : str, optional
-        That the hand's labels name.
     """
     hands = {hand.side: hand.columns for hand in hands_of(recording)}
-    right = side_likelihood(recording, HandPoints(side, {**hands.get('', {}),
-                                                        **hands.get(side, {})}))
+    right = side_likelihood(recording, HandPoints('', hands.get('', {})))
     return 'right' if right > SURE else 'left' if right < 1. - SURE else ''
 
 

@@ -7,12 +7,19 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..core.model.hand import DIGITS
-from .marker_names import SYNONYMS, canonical_name, identify
+from .marker_names import (
+    LABEL_SIDES,
+    SYNONYMS,
+    WORD_GAP,
+    canonical_name,
+    identify,
+    usual_words,
+)
 
-LABEL_SIDES = {'right': 'right', 'left': 'left', 'r': 'right', 'l': 'left'}
 # Words that say nothing of the place: of WebXR, MediaPipe, and axes of joints in BVH files.
 EMPTY_WORDS = ('finger', 'phalanx', 'bone', 'joint', 'fe', 'aa', 'b')
 PALM_WORDS = ('hand', 'back', 'palm')
+WORD_OR_CAPITALS_GAP = WORD_GAP + r'|(?<=[A-Z])(?=[A-Z][a-z])'    # behind capitals, too
 NUMBERED_DIGITS = {'first': 'thumb', 'second': 'index', 'third': 'middle', 'fourth': 'ring',
                    'fifth': 'little'}
 # Without a separator, the side's letter before or behind: 'rindexdip', 'IndexMCPR', 'lwrist'.
@@ -132,8 +139,7 @@ def _words(text: str) -> tuple[str, list[str]]:
     initial = re.match(r'[RL](?=[A-Z][a-z])', text.strip())
     if initial:
         side, text = LABEL_SIDES[initial[0].lower()], text.strip()[1:]
-    spaced = re.sub(r'(?<=[a-z])(?=[A-Z0-9])|(?<=[A-Z])(?=[A-Z][a-z])', '_', text.strip())
-    words = [SYNONYMS.get(word, word) for word in re.split(r'[\W_]+', spaced.lower()) if word]
+    words = usual_words(text, WORD_OR_CAPITALS_GAP)
     ends = 0, len(words) - 1
     found = []
     for i, word in enumerate(words):

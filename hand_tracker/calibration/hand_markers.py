@@ -134,7 +134,7 @@ def _choose_eight(hand: HandPoints, given: Mapping[str, int],
         if layout is not None:
             landmarks = (layout.places[slot],)
         elif marker in WORN_LANDMARKS:
-            landmarks = [f'{marker}_{joint}' for joint in WORN_LANDMARKS[marker]]
+            landmarks = WORN_LANDMARKS[marker]
         place = next((name for name in landmarks if name in hand.columns), landmarks[0])
         places.append(place)
         if marker in given:

@@ -93,8 +93,7 @@ class MarkerFit(NamedTuple):
     local: np.ndarray
 
 
-def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS,
-                done: Callable[[], None] = lambda: None) -> MarkerFit:
+def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS) -> MarkerFit:
     """Fit a hand and its markers' offsets to takes of markers.
 
     Parameters
@@ -103,8 +102,6 @@ def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS,
         Of one hand with its markers left in place.
     limits : str, optional
         Preset of the joint limits; by default Table 1, widened to the fitted postures.
-    done : callable, optional
-        Called after each of the `FIT_STEPS` parts of the work.
 
     Returns
     -------
@@ -116,12 +113,12 @@ def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS,
         If the palm is not seen.
     """
     gathered = gather(takes)
-    return fit_gathered(gathered, takes[0].side, limits, done)
+    return fit_gathered(gathered, takes[0].side, limits)
 
 
 def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
                  done: Callable[[], None] = lambda: None) -> MarkerFit:
-    """Fit a hand to gathered markers; parameters and errors as for `fit_markers`."""
+    """Fit a hand to gathered markers as `fit_markers`; `done` is called `FIT_STEPS` times."""
     gathered, palm = split_palm(gathered)
     worn = worn_names(gathered.markers, palm.held)
     fits: list[DigitFit | None] = [None] * len(DIGITS)

@@ -3,16 +3,14 @@
 import re
 from typing import NamedTuple
 
-from ..core.model.hand import DIGITS, FINGERS
-from ..core.model.marker_layout import MARKERS, PAPER_PLACES
+from ..core.model.hand import DIGITS
+from ..core.model.marker_layout import LANDMARKS_OF_DIGIT, MARKERS, PAPER_PLACES
 
 ON_PALM = -1
-# Landmarks of a digit whose marker rides on the first, second and third link behind its root.
-FINGER_LANDMARKS = ('pip', 'dip', 'tip')
-THUMB_LANDMARKS = ('mcp', 'ip', 'tip')
 SYNONYMS = {'pinky': 'little', 'pinkie': 'little', 'small': 'little', 'fore': 'index',
             'knuckle': 'mcp', 'end': 'tip', 'carpus': 'wrist'}
-SIDE_WORDS = ('right', 'left', 'r', 'l', 'hand')
+LABEL_SIDES = {'right': 'right', 'left': 'left', 'r': 'right', 'l': 'left'}
+WORD_GAP = r'(?<=[a-z])(?=[A-Z0-9])'    # between words without a separator
 
 
 class NamedMarker(NamedTuple):
@@ -47,14 +45,18 @@ class UsualPlace(NamedTuple):
     offset: tuple[float, float, float]
 
 
+def usual_words(text: str, gap: str = WORD_GAP) -> list[str]:
+    """Return the usual words of a label; `gap` matches where one begins without a separator."""
+    spaced = re.sub(gap, '_', text.strip()).lower()
+    return [SYNONYMS.get(word, word) for word in re.split(r'[\W_]+', spaced) if word]
+
+
 def canonical_name(text: str) -> str:
     """Return a marker's name in words with underscores: 'ThumbCMC' becomes 'thumb_cmc'."""
-    spaced = re.sub(r'(?<=[a-z])(?=[A-Z0-9])', '_', text.strip())
-    found = [word for word in re.split(r'[\W_]+', spaced.lower()) if word]
-    found = [SYNONYMS.get(word, word) for word in found]
+    found = usual_words(text)
     if len(found) > 1:
         # A side says nothing of the place: 'right_index_tip', 'R_Index_Tip'.
-        found = [word for i, word in enumerate(found) if i or word not in SIDE_WORDS[:4]]
+        found = [word for i, word in enumerate(found) if i or word not in LABEL_SIDES]
     name = '_'.join(found)
     return PAPER_PLACES[MARKERS.index(name)] if name in MARKERS else name
 
@@ -92,9 +94,9 @@ def _identified(name: str) -> NamedMarker | None:
     digit, _, landmark = name.partition('_')
     if digit in DIGITS:
         row = DIGITS.index(digit)
-        landmarks = FINGER_LANDMARKS if digit in FINGERS else THUMB_LANDMARKS
-        if landmark in landmarks:
-            return NamedMarker(name, row, landmarks.index(landmark))
+        # Each at the end of the next link behind the digit's root.
+        if name in LANDMARKS_OF_DIGIT[digit]:
+            return NamedMarker(name, row, LANDMARKS_OF_DIGIT[digit].index(name))
         # A thumb's CMC lies in the palm; so do the knuckles.
         return NamedMarker(name, -1, ON_PALM) if landmark in ('mcp', 'cmc') else None
     if 'wrist' in name or re.match('(back|dorsum|palm|hand|metacarp)', name):

@@ -9,7 +9,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MarkerLayout
-from ..files.npz_file import open_arrays
+from ..files.npz_file import checked_points, named_fields, open_arrays, without_points
 from ..files.point_recording import PointRecording
 from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
 from .hand_axes import HandPoints, hands_of, side_likelihood
@@ -21,8 +21,6 @@ from .takes import InvalidTake, MarkerTake
 
 TAKE_RATE_RANGE = (5., 2000.)  # [Hz]
 ASSUMED_RATE = 30.             # [Hz] taken where a file has none
-# Pairs of fields that hold markers and their names; the first pair whose names say enough is read.
-MARKER_FIELDS = (('markers', 'marker_names'), ('positions', 'joints'))
 NAMED_AT_LEAST = 8             # markers, for a file to be read
 
 
@@ -175,24 +173,15 @@ def _number(path: Path, name: str, value: np.ndarray) -> float:
 
 
 def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return names and places of the markers seen at all."""
+    """Return names and places of the markers seen, of the first pair whose names say enough."""
     found: list[str] = []
     unseen: list[str] = []
-    for places, labels in MARKER_FIELDS:
-        if places not in fields or labels not in fields:
-            continue
-        names = tuple(str(name) for name in np.atleast_1d(fields[labels]))
-        points = fields[places]
-        if (points.ndim != 3 or points.shape[1:] != (len(names), 3)
-                or points.dtype.kind not in 'fiu'):
-            raise InvalidTake(f'{path}: {places} of shape {points.shape}, {points.dtype}; '
-                              f'expected numbers (T, {len(names)}, 3), as {labels} names '
-                              f'{len(names)}')
-        points = points.astype(float)
+    for pair, own in named_fields(fields).items():
+        points = checked_points(path, fields, pair, len(own), InvalidTake, True).astype(float)
         points[~np.isfinite(points).all(axis=2)] = np.nan
         kept = np.isfinite(points).any(axis=(0, 2))
-        unseen += [name for name, keep in zip(names, kept) if not keep]
-        names = tuple(name for name, keep in zip(names, kept) if keep)
+        unseen += [name for name, keep in zip(own, kept) if not keep]
+        names = tuple(name for name, keep in zip(own, kept) if keep)
         known = [marker for marker in identify(names) if marker is not None]
         if len(known) >= NAMED_AT_LEAST:
             return names, points[:, kept]
@@ -201,8 +190,7 @@ def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str,
         raise InvalidTake(f'{path}: none of its markers is ever seen: all places of '
                           f'{", ".join(unseen)} are NaN; expected metres')
     if not found:
-        raise InvalidTake(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers and '
-                          'marker_names, or positions and joints')
+        raise without_points(path, fields, InvalidTake)
     raise InvalidTake(f'{path}: its markers are {", ".join(found)}; expected at least '
                       f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, thumb_tip'
                       + (f'; never seen are {", ".join(unseen)}' if unseen else ''))

@@ -4,12 +4,12 @@ from itertools import combinations
 
 import numpy as np
 
-from ..core.model.hand import FINGERS
-from ..core.model.marker_layout import MARKERS, PAPER_PLACES
+from ..core.model.marker_layout import DIGIT_LANDMARKS, MARKERS, PAPER_PLACES
 from .marker_names import NamedMarker
 
 # Landmarks at which the tracker takes a digit's marker, the paper's first.
-WORN_LANDMARKS = {**{finger: ('dip', 'tip') for finger in FINGERS}, 'thumb': ('tip', 'ip')}
+WORN_LANDMARKS = {digit: sorted(places, key=lambda place: place not in PAPER_PLACES)
+                  for digit, places in DIGIT_LANDMARKS.items()}
 PAPER_PALM = PAPER_PLACES[:3]
 
 
@@ -30,8 +30,8 @@ def worn_names(markers: tuple[NamedMarker, ...], palm: dict[str, np.ndarray]) ->
     """
     names = [marker.name for marker in markers]
     corners = PAPER_PALM if all(name in palm for name in PAPER_PALM) else _widest(palm)
-    digits = [next((f'{digit}_{place}' for place in WORN_LANDMARKS[digit]
-                    if f'{digit}_{place}' in names), '') for digit in MARKERS[len(PAPER_PALM):]]
+    digits = [next((place for place in WORN_LANDMARKS[digit] if place in names), '')
+              for digit in MARKERS[len(PAPER_PALM):]]
     return (*corners, *digits)
 
 

@@ -84,14 +84,12 @@ def _require_sides(bag: Bag, topic: str, hands: Sequence[WornHand],
 def _view(options: argparse.Namespace, hands: Sequence[WornHand],
           recording: Path | PointBag, readings: Sequence[MarkerReading]) -> None:
     """Show the recording in the browser."""
-    from ..viewer.recording_source import ViewerRecording
+    from ..viewer.recording_source import viewed_hands
     from ..viewer.serve import view
 
-    sources: list[ViewerRecording] = []
-    for one, reading in reversed(list(zip(hands, readings))):
-        sources.append(ViewerRecording(
-            recording, one.hand, one.layout, None, next(iter(sources), None), reading))
-    view(sources[-1], options, hands[0].hand)
+    source = viewed_hands(recording, [
+        (one.hand, one.layout, reading) for one, reading in zip(hands, readings)])
+    view(source, options, source.hand)
 
 
 def demonstrate(options: argparse.Namespace) -> None:

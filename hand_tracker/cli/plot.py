@@ -13,12 +13,14 @@ def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track and plot the recording; return a closing message."""
     # Here, so that a wrong option is reported at once.
     from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
-    from .tracking_job import tracked_recording
+    from .tracking_job import tracking_job
 
     output = require_output(options.output or Path(options.recording.stem + PDF))
-    with tracked_recording(options, interrupted) as (hand, job, frames):
-        tracked = tracked_angles((1e-9 * frame.time, frame.state) for frame in frames)
-    title = f'{options.recording.name}, {hand.side} hand'
+    with tracking_job(options, interrupted) as job:
+        (side, hand), = job.hands().items()
+        tracked = tracked_angles((1e-9 * frames[side].time, frames[side].state)
+                                 for frames in job.frames())
+    title = f'{options.recording.name}, {side} hand'
     names = save_pages(output, tracked, hand, title, job.layout)
     pictures = '' if len(names) == 1 else f'{len(names)} pictures, one of each digit: '
     return (f'{pictures}{", ".join(map(str, names))}: '

@@ -50,9 +50,9 @@ from ..splicing.spliced_body import (
 )
 from ..splicing.spliced_points import hand_world, marker_wrist, splice_points
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.save_motion import collect_frames
+from ..tracking.save_motion import collect_hands
 from .track_recordings import refuse_to_replace
-from .tracking_job import tracked_recording
+from .tracking_job import tracking_job
 
 
 def splice_recordings(options: argparse.Namespace, interrupted: Interruptions,
@@ -104,9 +104,8 @@ def _tracked(options: argparse.Namespace, interrupted: Interruptions,
                                options.recordings):
         one = copy(options)
         one.recording, one.side = recording, side
-        with (tracked_recording(one, interrupted, progress) as (_, job, frames),
-              interrupted.only_noted()):
-            tracked.append(collect_frames(frames, lambda job=job: job.hand))  # type: ignore[misc]
+        with tracking_job(one, interrupted, progress) as job, interrupted.only_noted():
+            tracked.append(collect_hands(job.frames(), job.hands).hands[0])
     return tracked
 
 

@@ -13,7 +13,7 @@ from textwrap import shorten
 from typing import Any, NamedTuple
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import BOTH, SIDES
+from ..core.model.hand import BOTH
 from ..files.bags import BAG_CONTENTS, BagError
 from ..files.recordings import has_recording_suffix, is_named_as_recording
 from ..files.remote_files import Url, exists, local_copy, matching, upload
@@ -23,9 +23,9 @@ from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
 from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.recording import save, save_hands
-from ..tracking.save_motion import collect_frames, collect_hands, save_motion
-from .tracking_job import ProgressDisplay, ProgressMaker, tracked_hands, tracked_recording
+from ..tracking.recording import save_hands
+from ..tracking.save_motion import collect_hands, save_motion
+from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
 ALREADY_THERE = 'already there'
 REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
@@ -77,25 +77,17 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     start = time.monotonic()
     refuse_to_replace(options.recording, output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
-    if options.side == BOTH:
-        with (tracked_hands(options, interrupted, progress) as (job, of_hands),
-              interrupted.only_noted()):
-            if output.suffix in OUTPUT_KINDS:
-                prefixes = [f'{side}_' for side in SIDES]
-                save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
-                                    for frames in of_hands), prefixes,
-                           prefixes if options.wrist else ())
-            else:
-                both = collect_hands(of_hands, lambda: job.hands)
-                save_motion(output, both, options.names, options.order)
-    else:
-        with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
-              interrupted.only_noted()):
-            if output.suffix in OUTPUT_KINDS:
-                save(output, frames, f'{hand.side}_', options.wrist)
-            else:
-                tracked = collect_frames(frames, lambda: job.hand)
-                save_motion(output, tracked, options.names, options.order)
+    with tracking_job(options, interrupted, progress) as job, interrupted.only_noted():
+        if output.suffix in OUTPUT_KINDS:
+            prefixes = [f'{side}_' for side in job.hands()]
+            wrists = prefixes if options.side == BOTH else ['']
+            save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
+                                for frames in job.frames()), prefixes,
+                       wrists if options.wrist else ())
+        else:
+            tracked = collect_hands(job.frames(), job.hands)
+            save_motion(output, tracked if options.side == BOTH else tracked.hands[0],
+                        options.names, options.order)
     elapsed = time.monotonic() - start
     return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed)
 

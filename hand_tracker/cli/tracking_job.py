@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from ..core.model.hand import Hand
-from ..core.model.marker_layout import MarkerLayout
 from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage
@@ -62,38 +61,36 @@ class TrackingJob:
         Not empty when an interruption came; see `run_command`.
     progress : callable
         Returns a `Progress` or what stands in for it.
-    layout : MarkerLayout
+    hands : mapping of str to (HandTracker, MarkerReading)
+        By their sides.
+    learns_size : bool
+        Whether the size of the hands is learned from the first seconds.
 
     Attributes
     ----------
     layout : MarkerLayout
+        Of the hands.
     read, tracked, held : int
         Number of messages read, of those with a tracked hand, and of these without any palm.
     """
 
     def __init__(self, bag: Bag, topic: str, interrupted: Interruptions,
-                 progress: ProgressMaker, layout: MarkerLayout) -> None:
-        self.layout = layout
+                 progress: ProgressMaker,
+                 hands: Mapping[str, tuple[HandTracker, MarkerReading]],
+                 learns_size: bool) -> None:
+        (tracker, _), *_ = hands.values()
+        self.layout = tracker.layout
         self.read = self.tracked = self.held = 0
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
         self._progress = progress(bag.counts[topic], 'frames')
-        self._monitors: dict[str, Monitor] = {}  # by hand
-        self._trackers: dict[str, HandTracker] = {}
-        self._has_labels = True
-        self._palms: Counter[str] = Counter()    # frames that show the palm, by hand
+        self._hands, self._learns_size = hands, learns_size
+        self._monitors: dict[str, Monitor] = {}  # by side
+        self._palms: Counter[str] = Counter()    # frames that show the palm, by side
         self._misfits: Counter[str] = Counter()  # and in which the markers are of no such hand
 
-    @property
-    def hand(self) -> Hand:
-        """The hand with which the last frame was tracked: its size may have been learned."""
-        hand, *_ = self.hands.values()
-        return hand
-
-    @property
     def hands(self) -> dict[str, Hand]:
-        """The hands with which the last frame was tracked, by their names."""
-        assert self._trackers, 'no frame was asked for yet'
-        return {name: tracker.hand for name, tracker in self._trackers.items()}
+        """Return the hands of the last frame by their sides: their size may have been learned."""
+        return {side: tracker.hand for side, (tracker, _) in self._hands.items()}
 
     @property
     def needs_hand_file(self) -> bool:
@@ -105,63 +102,57 @@ class TrackingJob:
         """Print a note on the recording."""
         self._progress.say(f'{self._bag.path}: {note}')
 
-    def frames(self, tracker: HandTracker, reading: MarkerReading,
-               auto_size: bool) -> Iterator[RecordedFrame]:
-        """Yield the tracked frames of one hand, see `tracking.recording.track`."""
-        for frames in self.frames_of_hands({'': (tracker, reading)}, auto_size):
-            yield frames['']
-
-    def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, MarkerReading]],
-                        auto_size: bool) -> Iterator[dict[str, RecordedFrame]]:
-        """Yield the tracked frames of several hands, by their names."""
-        self._trackers = {name: tracker for name, (tracker, _) in hands.items()}
+    def frames(self) -> Iterator[dict[str, RecordedFrame]]:
+        """Yield the tracked frames, of each message those of the hands by their sides."""
         point_labels = PointLabels()
         names, source = BAG_OPTION_NAMES, self._topic
         if isinstance(self._bag, PointBag):
             names, source = FILE_OPTION_NAMES, self._bag.path.name
-        self._has_labels = all(reading.has_labels for _, reading in hands.values())
         recorded = {}
-        for name, (tracker, reading) in hands.items():
+        for side, (tracker, reading) in self._hands.items():
             monitor = Monitor(1e-9 * self._bag.start, source, reading.labels, names)
-            self._monitors[name] = monitor
-            recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
+            self._monitors[side] = monitor
+            recorded[side] = RecordedHand(
+                tracker, reading, monitor, self._learns_size, point_labels)
             if not reading.has_labels and (
                     warning := usual_shape_warning(tracker.hand, tracker.layout)):
-                self.say(_whose(name) + warning)
+                self.say(self._whose(side) + warning)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
-            shown = [name for name, frame in frames.items() if frame.state.palm in PALM_SEEN]
+            shown = [side for side, frame in frames.items() if frame.state.palm in PALM_SEEN]
             self._palms.update(shown)
             self.held += not shown
             yield frames
         self._require_tracked()
-        for name, (_, reading) in hands.items():
-            self._warn_of_few(name, reading.has_labels, names.labels)
+        for side, (_, reading) in self._hands.items():
+            self._warn_of_few(side, reading.has_labels, names.labels)
 
-    def _warn_of_few(self, name: str, has_labels: bool, labels: str) -> None:
+    def _warn_of_few(self, side: str, has_labels: bool, labels: str) -> None:
         """Say in how few frames a hand was seen, and which option may cure it."""
-        if self._palms[name] >= FEW_SHARE * self.read:
+        if self._palms[side] >= FEW_SHARE * self.read:
             return
-        if self._misfits[name] > self.read - self._palms[name] - self._misfits[name]:
-            self.say(f'{_whose(name)}in {self._misfits[name]} of {self.read} frames the hand is '
+        whose = self._whose(side)
+        if self._misfits[side] > self.read - self._palms[side] - self._misfits[side]:
+            self.say(f'{whose}in {self._misfits[side]} of {self.read} frames the hand is '
                      'left out, as it does not fit the markers; one that is fitted to them does '
                      '(hand_tracker calibrate, then --hand)')
             return
         cure = (f'other labels than meant ({labels}), or labels of no use '
                 f'(--labels {WITHOUT_LABELS})' if has_labels else 'another layout (--layout)')
-        self.say(f'{_whose(name)}only {self._palms[name]} of {self.read} frames show the palm; in '
+        self.say(f'{whose}only {self._palms[side]} of {self.read} frames show the palm; in '
                  'the others the hand is left out, or keeps its last pose. Are its markers hidden '
                  f'there? Else: {cure}')
 
     def _require_tracked(self) -> None:
-        for name, monitor in self._monitors.items():
+        for side, monitor in self._monitors.items():
             if (fault := monitor.side_fault()) is not None:
-                raise BagError(f'{self._bag.path}: {_whose(name)}{fault}')
+                raise BagError(f'{self._bag.path}: {self._whose(side)}{fault}')
         if not self._palms:
-            why = '; '.join(_whose(name) + monitor.why_never_tracked()
-                            for name, monitor in self._monitors.items())
-            other = '' if self._has_labels else (
+            why = '; '.join(self._whose(side) + monitor.why_never_tracked()
+                            for side, monitor in self._monitors.items())
+            has_labels = all(reading.has_labels for _, reading in self._hands.values())
+            other = '' if has_labels else (
                 '; is it a hand of the other side (--side), or of another layout (--layout)?')
             which = '' if isinstance(self._bag, PointBag) else f' of {self._topic}'
             raise BagError(f'{self._bag.path}: no frame{which} shows the palm: {why}{other}')
@@ -175,9 +166,9 @@ class TrackingJob:
             self.read += 1
             now = message.time
             yield message
-            for name, monitor in self._monitors.items():
+            for side, monitor in self._monitors.items():
                 if monitor.is_wrong:
-                    self._misfits[name] += 1
+                    self._misfits[side] += 1
             if now >= due:
                 due = now + int(1e9 * LOG_PERIOD)
                 self._report(now)
@@ -187,22 +178,19 @@ class TrackingJob:
             self._report(now)
 
     def _report(self, now: int) -> None:
-        for name, monitor in self._monitors.items():
+        for side, monitor in self._monitors.items():
             for _, line in monitor.log_lines(1e-9 * now, str):
                 self._progress.say(
-                    f'at {1e-9 * (now - self._bag.start):.2f} s: {_whose(name)}{line}')
+                    f'at {1e-9 * (now - self._bag.start):.2f} s: {self._whose(side)}{line}')
 
-
-def _whose(name: str) -> str:
-    return f'{name} hand: ' if name else ''
+    def _whose(self, side: str) -> str:
+        return f'{side} hand: ' if len(self._hands) > 1 else ''
 
 
 @contextmanager
-def tracked_recording(
-        options: argparse.Namespace, interrupted: Interruptions,
-        progress: ProgressMaker = Progress,
-) -> Iterator[tuple[Hand, TrackingJob, Iterator[RecordedFrame]]]:
-    """Track the recording that a command line asks for.
+def tracking_job(options: argparse.Namespace, interrupted: Interruptions,
+                 progress: ProgressMaker = Progress) -> Iterator[TrackingJob]:
+    """Open the recording that a command line asks for, to track its hand or both.
 
     Parameters
     ----------
@@ -215,53 +203,16 @@ def tracked_recording(
 
     Yields
     ------
-    hand : Hand
-    job : TrackingJob
-    frames : iterator of RecordedFrame
+    TrackingJob
     """
-    with _opened_job(options, interrupted, progress) as (job, hands):
-        (_, (tracker, reading)), = hands.items()
-        yield tracker.hand, job, job.frames(tracker, reading, _learns_size(options))
-
-
-@contextmanager
-def tracked_hands(
-        options: argparse.Namespace, interrupted: Interruptions,
-        progress: ProgressMaker = Progress,
-) -> Iterator[tuple[TrackingJob, Iterator[dict[str, RecordedFrame]]]]:
-    """Track both hands in the recording that a command line asks for.
-
-    Parameters
-    ----------
-    options, interrupted, progress
-        See `tracked_recording`.
-
-    Yields
-    ------
-    job : TrackingJob
-    frames : iterator of dict of str to RecordedFrame
-        By side.
-    """
-    with _opened_job(options, interrupted, progress) as (job, hands):
-        yield job, job.frames_of_hands(hands, _learns_size(options))
-
-
-@contextmanager
-def _opened_job(options: argparse.Namespace, interrupted: Interruptions, progress: ProgressMaker
-                ) -> Iterator[tuple[TrackingJob, dict[str, tuple[HandTracker, MarkerReading]]]]:
-    """Open the recording, and yield the hands by their sides."""
     worn, recording = recorded_hands(options)
     hands = {one.hand.side: (HandTracker(one.hand, one.layout),
                              recorded_reading(options, recording, one.labels)) for one in worn}
     with open_recording(recording, partial=options.partial) as bag:
-        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress,
-                          worn[0].layout)
+        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, hands,
+                          options.auto_size and options.hand is None)
         for note in bag.notes:
             job.say(note)
         if options.hand is None and job.needs_hand_file:
             job.say(WITHOUT_HAND_FILE)
-        yield job, hands
-
-
-def _learns_size(options: argparse.Namespace) -> bool:
-    return options.auto_size and options.hand is None
+        yield job

@@ -25,11 +25,12 @@ if TYPE_CHECKING:
 def warm_up() -> None:
     """Compile the kernels and make the mean hand's skin, both of which are kept."""
     from ..files.hand_file import choose_hand
-    from ..viewer.recording_source import ViewerRecording
+    from ..tracking.recording import USUAL_READING
+    from ..viewer.recording_source import viewed_hands
     from ..viewer.serve import skin_of
 
     hand, layout = choose_hand()
-    ViewerRecording(packaged_recording(), hand, layout).prepare(print)
+    viewed_hands(packaged_recording(), [(hand, layout, USUAL_READING)]).prepare(print)
     skin_of(hand)
 
 
@@ -43,20 +44,18 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 def _source(options: argparse.Namespace) -> ViewerRecording:
     """Return the hand that the command line asks for, or both."""
     from ..tracking.label_check import label_fault
-    from ..viewer.recording_source import ViewerRecording
+    from ..viewer.recording_source import viewed_hands
 
     hands, recording = recorded_hands(options)
     for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
-    source = None
-    for hand, layout, labels in reversed(hands):
-        reading = recorded_reading(options, recording, labels)
-        if len(hands) == 1 and (fault := label_fault(
-                recording, options.topic, reading, layout)) is not None:
-            print(fault, file=sys.stderr)
-        source = ViewerRecording(recording, hand, layout, options.topic, source, reading)
-    assert source is not None
-    return source
+    viewed = [(hand, layout, recorded_reading(options, recording, labels))
+              for hand, layout, labels in hands]
+    (_, layout, reading), *others = viewed
+    if not others and (fault := label_fault(
+            recording, options.topic, reading, layout)) is not None:
+        print(fault, file=sys.stderr)
+    return viewed_hands(recording, viewed, options.topic)
 
 
 @reporting

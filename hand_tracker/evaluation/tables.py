@@ -26,6 +26,7 @@ from .rows import Row
 # Of plotted series, the tracker's first.
 SERIES_COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
 WIDEST_LEGEND = 8   # entries in a row
+LEGEND_HEIGHT = .45  # [inches]
 ABBREVIATIONS = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'fabrik'
 
 
@@ -94,11 +95,11 @@ def fixed(value: float | None, digits: int = 2) -> str:
     return '–' if value is None or math.isnan(value) else f'{value:.{digits}f}'
 
 
-def mean_and_p95(row: Row | None, digits: int = 2) -> str:
+def mean_and_p95(row: Row | None) -> str:
     """Format `mean_mm` and `p95_mm` of a row as 'mean (p95)'; a dash where there is none."""
     if row is None or row['mean_mm'] is None:
         return '–'
-    return f'{fixed(row["mean_mm"], digits)} ({fixed(row["p95_mm"], max(digits - 1, 0))})'
+    return f'{fixed(row["mean_mm"])} ({fixed(row["p95_mm"], 1)})'
 
 
 def words(name: str) -> str:
@@ -107,7 +108,7 @@ def words(name: str) -> str:
     return re.sub(rf"\b({'|'.join(ABBREVIATIONS)})\b", lambda found: found[0].upper(), plain)
 
 
-def figure_with(count: int, width: float = 4., height: float = 3.2, legend_height: float = .45,
+def figure_with(count: int, width: float = 4., height: float = 3.2,
                 columns: int | None = None) -> tuple[Figure, list[Axes]]:
     """Return a figure with plots in a grid and space for a legend above them.
 
@@ -117,8 +118,6 @@ def figure_with(count: int, width: float = 4., height: float = 3.2, legend_heigh
         Number of plots.
     width, height : float
         Of one plot [inches].
-    legend_height : float
-        [inches]
     columns : int, optional
         Default: all plots in one row.
 
@@ -129,7 +128,7 @@ def figure_with(count: int, width: float = 4., height: float = 3.2, legend_heigh
     """
     columns = columns or count
     rows = -(-count // columns)
-    whole = rows * height + legend_height
+    whole = rows * height + LEGEND_HEIGHT
     layout = ConstrainedLayoutEngine(rect=(0., 0., 1., rows * height / whole))
     figure = Figure(figsize=(columns * width, whole), dpi=120, layout=layout)
     FigureCanvasAgg(figure)

@@ -266,7 +266,7 @@ def _frame_of(reader: MarkerReader, data: bytes, kind: str) -> BagFrame:
 
 
 def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[str],
-                    start: int = 0, frame_id: str = WRITTEN_FRAME,
+                    frame_id: str = WRITTEN_FRAME,
                     ids: Sequence[int] | None = None) -> Iterator[BagMessage]:
     """Yield points as MarkerArrays, one for each frame; missing ones are left out.
 
@@ -278,8 +278,6 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
         [ns]
     names : sequence of str, length n
         Namespaces of the markers.
-    start : int, optional
-        Only frames at this time or later [ns].
     frame_id : str, optional
         Of the messages.
     ids : sequence of int, length n, optional
@@ -292,8 +290,6 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
     heads = list(zip(names, range(len(names)) if ids is None else ids))
     templates: dict[bytes, Template] = {}
     for time, row in zip(times, points):
-        if time < start:
-            continue
         seen = np.isfinite(row).all(axis=1)
         key = seen.tobytes()
         if key not in templates:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import zipfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -82,6 +82,51 @@ def _check_arrays(path: Path) -> None:
                     raise ValueError(f'{entry.filename}: no text')
 
 
+def named_fields(fields: Mapping[str, np.ndarray]) -> dict[tuple[str, str], list[str]]:
+    """Return the names of the points of each pair of `NPZ_FIELDS` that an npz file has."""
+    return {pair: [str(name) for name in np.atleast_1d(fields[pair[1]])]
+            for pair in NPZ_FIELDS if set(pair) <= set(fields)}
+
+
+def checked_points(path: Path, fields: Mapping[str, np.ndarray], pair: tuple[str, str],
+                   count: int, refusal: type[HandTrackerError],
+                   may_be_empty: bool = False) -> np.ndarray:
+    """Return the points of an npz file, and refuse those that are none.
+
+    Parameters
+    ----------
+    path : Path
+    fields : mapping of str to ndarray
+        Arrays of the file.
+    pair : tuple of str
+        One of `NPZ_FIELDS` that the file has.
+    count : int
+        Number of their names.
+    refusal : type of HandTrackerError
+        Raised where they are no numbers, or not as many as their names.
+    may_be_empty : bool, optional
+        Whether there may be no frame.
+
+    Returns
+    -------
+    ndarray, shape (T, count, 3)
+        As in the file.
+    """
+    points = fields[pair[0]]
+    if (points.ndim != 3 or points.shape[1:] != (count, 3) or points.dtype.kind not in 'fiu'
+            or not (points.size or may_be_empty)):
+        raise refusal(f'{path}: {pair[0]} of shape {points.shape}, {points.dtype}; '
+                      f'expected numbers (T, {count}, 3), as {pair[1]} names {count}')
+    return points
+
+
+def without_points(path: Path, fields: Mapping[str, np.ndarray],
+                   refusal: type[HandTrackerError]) -> HandTrackerError:
+    """Return the error for an npz file that has none of `NPZ_FIELDS`."""
+    return refusal(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
+                   'and marker_names, or positions and joints')
+
+
 def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
              partial: bool = False, names: Collection[str] = ()) -> tuple[PointRecording, Axes]:
     """Read points from an npz file: `markers` and `marker_names`, else `positions` and `joints`.
@@ -112,8 +157,7 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     del file, partial
     with open_arrays(path, RecordingError) as data:
         fields = {name: data[name] for name in data.files}
-    named = {pair: [str(name) for name in np.atleast_1d(fields[pair[1]])]
-             for pair in NPZ_FIELDS if set(pair) <= set(fields)}
+    named = named_fields(fields)
     found = {pair: len(set(names) & set(own)) for pair, own in named.items()}
     pair = max(found, key=lambda each: found[each], default=None)
     if pair is not None and 2 * found[pair] <= len(names):
@@ -121,22 +165,16 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         pair = next((each for each, own in named.items() if any(
             name.strip().upper().isupper() for name in own)), pair)
     if pair is None:
-        raise RecordingError(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
-                             'and marker_names, or positions and joints')
+        raise without_points(path, fields, RecordingError)
     beside = [f'the {other[0]} beside the {pair[0]} are not read'
               + ('' if names else _layout_hint(own))
               for other, own in named.items() if other != pair]
-    points, own_names = fields[pair[0]], named[pair]
-    count = len(own_names)
-    if (points.ndim != 3 or points.shape[1:] != (count, 3) or points.dtype.kind not in 'fiu'
-            or not points.size):
-        raise RecordingError(f'{path}: {pair[0]} of shape {points.shape}, {points.dtype}; '
-                             f'expected numbers (T, {count}, 3), as {pair[1]} names {count}')
+    points = checked_points(path, fields, pair, len(named[pair]), RecordingError)
     try:
         rate = float(fields['rate_hz']) if 'rate_hz' in fields else np.nan
     except (TypeError, ValueError):
         raise RecordingError(f'{path}: rate_hz {fields["rate_hz"]}; expected a number') from None
-    labels, repeated = unique_labels(own_names)
+    labels, repeated = unique_labels(named[pair])
     is_landmarks = pair[0] != 'markers'
     # No camera loses a landmark in every frame: such are relative to it.
     is_origin = (points == 0.).all(axis=(0, 2)) & is_landmarks

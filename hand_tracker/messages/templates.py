@@ -22,6 +22,7 @@ from .stamps import Time, stamp_of
 JOINT_STATES, TRANSFORMS, ANGLE_DEVIATIONS = range(3)
 REPLIES = 3
 ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
+SPHERE_DIAMETER = .01            # [m] of a marker
 
 
 @jit
@@ -235,8 +236,7 @@ def transforms_template(frames: Sequence[tuple[str, str]]) -> Template:
     return writer.template()
 
 
-def markers_template(frame_id: str, markers: Sequence[tuple[str, int]],
-                     diameter: float = .01) -> Template:
+def markers_template(frame_id: str, markers: Sequence[tuple[str, int]]) -> Template:
     """Return the template of a MarkerArray of spheres.
 
     Parameters
@@ -244,8 +244,6 @@ def markers_template(frame_id: str, markers: Sequence[tuple[str, int]],
     frame_id : str
     markers : sequence of (str, int)
         Namespace and id of each.
-    diameter : float, optional
-        [m]
 
     Returns
     -------
@@ -259,7 +257,7 @@ def markers_template(frame_id: str, markers: Sequence[tuple[str, int]],
         writer.string(namespace)
         writer.pack('3i', number, SPHERE, ADD)
         writer.numbers(3)
-        writer.pack('7d', 0., 0., 0., 1., diameter, diameter, diameter)
+        writer.pack('7d', 0., 0., 0., 1., *[SPHERE_DIAMETER] * 3)
         writer.pack('4f', 1., 1., 1., 1.)
         writer.pack('2i', 0, 0)
         writer.pack('?', False)

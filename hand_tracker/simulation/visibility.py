@@ -18,7 +18,7 @@ from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
 from .cameras import CameraRig, camera_coordinates
 
-LED_RADIUS = .004            # [m]
+LED_RADIUS = .004            # [m] distance of a marker's centre from the skin
 ROUNDING = 1e-9         # [m] a marker on the surface is outside on every machine
 RAISE, MOST_RAISES = .0005, 80  # [m] at once of a marker inside the hand, and how often
 LEAST_RADIUS_SHARE = .4  # of a capsule that a marker's place on a calibrated hand may make thinner
@@ -47,14 +47,12 @@ class MarkerObservation(NamedTuple):
     truth: np.ndarray
 
 
-def skin_layout(hand: Hand, marker_radius: float = LED_RADIUS) -> MarkerLayout:
+def skin_layout(hand: Hand) -> MarkerLayout:
     """Return the paper's marker layout with offsets onto the dorsal skin.
 
     Parameters
     ----------
     hand : Hand
-    marker_radius : float
-        Distance of the LED's centre from the skin [m].
 
     Returns
     -------
@@ -63,7 +61,7 @@ def skin_layout(hand: Hand, marker_radius: float = LED_RADIUS) -> MarkerLayout:
     # Capsule at the marker: middle phalanx at a finger's DIP, distal phalanx at the thumb's tip.
     radii = [hand.palm_radius] * 3 + [*hand.radii[:4, 1], hand.radii[DIGITS.index('thumb'), 2]]
     offsets = np.zeros((len(radii), 3))
-    offsets[:, 2] = np.array(radii) + marker_radius
+    offsets[:, 2] = np.array(radii) + LED_RADIUS
     return MarkerLayout(offsets=offsets)
 
 

@@ -49,7 +49,7 @@ class SkinArrays(NamedTuple):
     weights: np.ndarray
 
 
-def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool = True) -> Skin:
+def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None) -> Skin:
     """Return the skin of a hand.
 
     Computing it takes some seconds; it is then cached in the user's cache folder
@@ -61,8 +61,6 @@ def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool =
     mesh : path-like, optional
         Closed mesh (OBJ, PLY, STL) of a hand of this side with its joints at zero angles, of any
         size and pose: it is registered with the hand. Generated from the hand when left out.
-    cache : bool
-        Read and write the cache.
 
     Returns
     -------
@@ -75,12 +73,11 @@ def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool =
     MissingLibrary
         If the skin is not cached and a library to compute it is not installed.
     """
-    path = _cache_directory() / f'skin-{_cache_key(hand, mesh)}.npz' if cache else None
-    arrays = _read_cache(path) if path else None
+    path = _cache_directory() / f'skin-{_cache_key(hand, mesh)}.npz'
+    arrays = _read_cache(path)
     if arrays is None:
         arrays = _registered_mesh_arrays(hand, mesh) if mesh else generated_arrays(hand)
-        if path:
-            _write_cache(path, arrays)
+        _write_cache(path, arrays)
     vertices, faces, weights = arrays
     if hand.side == 'left' and not mesh:
         vertices, faces = vertices * RIGHT_TO_LEFT, faces[:, ::-1].copy()

@@ -32,27 +32,6 @@ from ..skin.skinning import Skin
 from .recording import RecordedFrame
 
 
-def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) -> HandAngles:
-    """Return tracked frames as one motion of one hand.
-
-    Parameters
-    ----------
-    frames : iterable of RecordedFrame
-    hand : callable
-        Returns the hand, asked for after the last frame: its size may be learned meanwhile.
-
-    Returns
-    -------
-    HandAngles
-
-    Raises
-    ------
-    HandTrackerError
-        If there are no frames.
-    """
-    return collect_hands(({'': frame} for frame in frames), lambda: {'': hand()}).hands[0]
-
-
 def collect_hands(frames: Iterable[Mapping[str, RecordedFrame]],
                   hands: Callable[[], Mapping[str, Hand]]) -> TrackedHands:
     """Return tracked frames of several hands as their motions.

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import isfinite
 from os import PathLike
 from statistics import median
@@ -16,6 +16,7 @@ from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState, HandTracker
+from ..files.bags import BagMessage
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.opened_recording import open_recording
 from ..tracking.point_bag import PointBag
@@ -135,50 +136,88 @@ class TrackingRun:
             self.state, self._next = self._next.state, next(self._frames, None)
 
 
-class ViewerRecording:
-    """Recording of markers, tracked while it plays.
-
-    After a jump, the `LEAD_IN` before the new position is tracked first.
+class PlayedRecording:
+    """A recording that plays: what the hands that are shown of it have in common.
 
     Parameters
     ----------
     path : path-like or PointBag
         See `open_recording`.
+    topic : str, optional
+    partial : bool, optional
+        As in `open_bag`.
+
+    Attributes
+    ----------
+    name : Path
+    start, end : int
+        From the first shown frame on, once it plays [ns].
+    rate : float
+        Of the frames [Hz].
+    playhead : Playhead or None
+        None before it plays.
+    hands : list of ViewerRecording
+    """
+
+    def __init__(self, path: str | PathLike[str] | PointBag, topic: str | None = None,
+                 partial: bool = False) -> None:
+        self.playhead: Playhead | None = None
+        self.hands: list[ViewerRecording] = []
+        self._path, self._partial = path, partial
+        with open_recording(path, partial=partial) as bag:
+            self.name = bag.path
+            self._topic = marker_topic(bag, topic)
+            self.start, self.end = bag.start, bag.start + bag.duration
+            self.rate = (bag.counts[self._topic] - 1) / max(1e-9 * bag.duration, 1e-9)
+
+    def play_from(self, start: int) -> None:
+        """Play from a time on, in a loop [ns]."""
+        self.start = start
+        self.playhead = Playhead(1e-9 * (self.end - start))
+
+    def messages(self, start: int) -> Iterator[BagMessage]:
+        """Iterate over the markers from a time on [ns]."""
+        with open_recording(self._path, partial=self._partial) as bag:
+            yield from bag.messages([self._topic], start)
+
+
+class ViewerRecording:
+    """A hand of a recording of markers, tracked while it plays.
+
+    After a jump, the `LEAD_IN` before the new position is tracked first.
+
+    Parameters
+    ----------
+    played : PlayedRecording
     hand : Hand
     layout : MarkerLayout
-    topic : str, optional
+    reading : MarkerReading, optional
     beside : ViewerRecording, optional
         The other hand of the same recording, which is shown too.
-    reading : MarkerReading, optional
 
     Attributes
     ----------
     hand : Hand
+    layout : MarkerLayout
     constraints : frozenset of str
         Active ones of `CONSTRAINTS`.
-    playhead : Playhead
-        None before `prepare`.
     beside : ViewerRecording or None
     """
 
-    def __init__(self, path: str | PathLike[str] | PointBag, hand: Hand, layout: MarkerLayout,
-                 topic: str | None = None, beside: 'ViewerRecording | None' = None,
-                 reading: MarkerReading = USUAL_READING) -> None:
-        self.beside = beside
-        self._others = [] if beside is None else [beside]    # whose points may be among these
-        if beside is not None:
-            beside._others.append(self)
-        self.hand, self._layout = hand, layout
+    def __init__(self, played: PlayedRecording, hand: Hand, layout: MarkerLayout,
+                 reading: MarkerReading = USUAL_READING,
+                 beside: 'ViewerRecording | None' = None) -> None:
+        self.hand, self.layout, self.beside = hand, layout, beside
         self.constraints = DEFAULT_CONSTRAINTS
-        self.playhead: Any = None    # a `Playhead` once prepared
-        self._path, self._reading = path, reading
+        self._played, self._reading = played, reading
         self._shown: TrackingRun | None = None
         self._bare: TrackingRun | None = None
-        with open_recording(path, partial=reading.partial) as bag:
-            self._name = bag.path
-            self._topic = marker_topic(bag, topic)
-            self._start, self._end = bag.start, bag.start + bag.duration
-            self._rate = (bag.counts[self._topic] - 1) / max(1e-9 * bag.duration, 1e-9)
+        played.hands.append(self)
+
+    @property
+    def playhead(self) -> Any:
+        """The `Playhead` of the recording, which both hands share; None before `prepare`."""
+        return self._played.playhead
 
     def prepare(self, say: Callable[[str], None]) -> None:
         """Find the hand in the recording; the very first time, kernels may be compiled.
@@ -195,31 +234,30 @@ class ViewerRecording:
         """
         say('Preparing')
         prepare_kernels(say, not self._reading.has_labels)
-        first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), self._start), None)
-        if first is None or first.time >= self._end:
-            raise HandTrackerError(f'{self._name}: nothing to show; expected frames in which the '
+        played = self._played
+        first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), played.start), None)
+        if first is None or first.time >= played.end:
+            raise HandTrackerError(f'{played.name}: nothing to show; expected frames in which the '
                                    "palm's three markers are seen together")
-        self._start = first.time
-        self.playhead = Playhead(1e-9 * (self._end - self._start))
         if self.beside is not None:
             self.beside.prepare(say)
-            # Both at one time, whichever is seen first.
-            self.beside._start, self.beside.playhead = self._start, self.playhead
+        # Both at one time, whichever is seen first.
+        played.play_from(first.time)
 
     def _tracker(self, constraints: frozenset[str]) -> TimedTracker:
         hand, options = constrained(self.hand, TrackerOptions(), constraints)
-        return TimedTracker(hand, self._layout, options)
+        return TimedTracker(hand, self.layout, options)
 
     def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
-        with open_recording(self._path, partial=self._reading.partial) as bag:
-            yield from track(bag.messages([self._topic], start), tracker, self._reading,
-                             point_labels=self._point_labels())
+        return track(self._played.messages(start), tracker, self._reading,
+                     point_labels=self._point_labels())
 
     def _point_labels(self) -> PointLabels:
         """Return what labels points without labels, of the other hand too."""
         labels = PointLabels()
-        for other in () if self._reading.has_labels else self._others:
-            labels.set_hand(other.hand, other._layout, self._reading.point_reader())
+        for other in () if self._reading.has_labels else self._played.hands:
+            if other is not self:
+                labels.set_hand(other.hand, other.layout, self._reading.point_reader())
         return labels
 
     def set_demand(self, looked_at: bool, compared: bool) -> None:
@@ -246,10 +284,10 @@ class ViewerRecording:
 
     def _run(self, run: TrackingRun | None, constraints: frozenset[str]) -> TrackingRun:
         """Return a run tracked up to now: the given one if it can continue, else a new one."""
-        now = self._start + round(1e9 * self.playhead.now())
+        now = self._played.start + round(1e9 * self.playhead.now())
         if run is None or run.constraints != constraints or not run.reaches(now):
             tracker = self._tracker(constraints)
-            start = max(self._start, now - round(1e9 * LEAD_IN))
+            start = max(self._played.start, now - round(1e9 * LEAD_IN))
             run = TrackingRun(constraints, tracker, self._track(tracker, start))
         run.go(now)
         return run
@@ -259,6 +297,28 @@ class ViewerRecording:
         residual = mean_residual(state.residuals)
         shown = cast(TrackingRun, self._shown)    # of that state
         return {
-            'rate': f'{self._rate:.0f} Hz',
+            'rate': f'{self._played.rate:.0f} Hz',
             'tracking time': f'{1e6 * median(shown.tracker.durations):.0f} µs',
             'residual': f'{1e3 * residual:.2f} mm' if isfinite(residual) else '–'}
+
+
+def viewed_hands(path: str | PathLike[str] | PointBag,
+                 hands: Sequence[tuple[Hand, MarkerLayout, MarkerReading]],
+                 topic: str | None = None) -> ViewerRecording:
+    """Return the hand of a recording for the viewer, the other one beside it.
+
+    Parameters
+    ----------
+    path : path-like or PointBag
+        See `open_recording`.
+    hands : sequence of (Hand, MarkerLayout, MarkerReading)
+        One, or the right and the left one.
+    topic : str, optional
+
+    Returns
+    -------
+    ViewerRecording
+    """
+    first, *others = hands
+    played = PlayedRecording(path, topic, partial=first[2].partial)
+    return ViewerRecording(played, *first, *(ViewerRecording(played, *one) for one in others))

@@ -24,7 +24,10 @@ class FrameSource(Protocol):
 
     hand: Hand
     constraints: frozenset[str]
-    playhead: Any
+
+    @property
+    def playhead(self) -> Any:
+        """What controls playback."""
 
     @property
     def beside(self) -> 'FrameSource | None':

@@ -30,12 +30,12 @@ from hand_tracker.files.bags import bag_message, marker_array_message, open_bag,
 from hand_tracker.files.recordings import read_recording, write_recording
 from hand_tracker.messages.labels import DEFAULT_LABELS, LabelMap, label_maps
 from hand_tracker.package_data import packaged_recording
-from hand_tracker.tracking.recording import MarkerReading, track
+from hand_tracker.tracking.recording import USUAL_READING, MarkerReading, track
 from hand_tracker.viewer.angle_bars import angle_bars
 from hand_tracker.viewer.coverage_bars import coverage_bars
 from hand_tracker.viewer.page import LOCALHOST, ShownHand, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
-from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, ViewerRecording
+from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, viewed_hands
 from hand_tracker.viewer.scene import (
     MAX_ANCHOR_DISTANCE,
     HandScene,
@@ -47,9 +47,14 @@ from hand_tracker.viewer.scene import (
 DIP = JOINTS.index('index_dip_flexion')
 
 
+def mean_hand_of(path):
+    """Return the mean right hand of a recording for the viewer."""
+    return viewed_hands(path, [(Hand.scaled(), MarkerLayout(), USUAL_READING)])
+
+
 @pytest.fixture(scope='module')
 def recording():
-    recording = ViewerRecording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording = mean_hand_of(packaged_recording())
     recording.prepare(print)
     recording.playhead.toggle()
     return recording
@@ -100,7 +105,7 @@ def test_numbers_are_those_of_the_recording(recording):
 
 
 def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
-    recording = ViewerRecording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording = mean_hand_of(packaged_recording())
     recording.prepare(print)
     recording.playhead.toggle()
     recording.playhead.seek(1.)
@@ -173,9 +178,9 @@ def test_a_recording_without_a_palm_is_refused(tmp_path):
     write_bag(path, (bag_message('/markers', second * 10**9, marker_array_message(
         second * 10**9, 'mocap', DEFAULT_LABELS, positions)) for second in range(3)))
     with pytest.raises(HandTrackerError, match='nothing to show'):
-        ViewerRecording(path, Hand.scaled(), MarkerLayout()).prepare(print)
+        mean_hand_of(path).prepare(print)
     with pytest.raises(HandTrackerError, match='no such file'):
-        ViewerRecording(tmp_path / 'none.mcap', Hand.scaled(), MarkerLayout())
+        mean_hand_of(tmp_path / 'none.mcap')
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
@@ -310,10 +315,9 @@ def test_another_hand_takes_the_place_of_the_first(recording, monkeypatch):
 def test_both_hands_of_a_recording_play_together():
     path, layout = packaged_recording('both'), MarkerLayout()
     labels = label_maps(DEFAULT_LABELS, {side: f'{side}/0' for side in SIDES})
-    left = ViewerRecording(path, Hand.scaled(side='left'), layout,
-                           reading=MarkerReading(labels['left']))
-    both = ViewerRecording(path, Hand.scaled(), layout, beside=left,
-                           reading=MarkerReading(labels['right']))
+    both = viewed_hands(path, [
+        (Hand.scaled(side=side), layout, MarkerReading(labels[side])) for side in SIDES])
+    left = both.beside
     both.prepare(print)
     both.playhead.toggle()
     both.playhead.seek(1.)
@@ -352,10 +356,8 @@ def test_points_without_labels_show_the_hands_that_markers_show(tmp_path):
         take_labels_off(bag, '/markers', hands, tmp_path / 'points.mcap')
     for recording, readings in (
             (path, labels), (tmp_path / 'points.mcap', dict.fromkeys(SIDES, LabelMap()))):
-        one = None
-        for worn in reversed(hands):
-            one = ViewerRecording(recording, worn.hand, layout, None, one, MarkerReading(
-                readings[worn.hand.side], has_labels=recording == path))
+        one = viewed_hands(recording, [(worn.hand, layout, MarkerReading(
+            readings[worn.hand.side], has_labels=recording == path)) for worn in hands])
         one.prepare(print)
         one.playhead.toggle()
         one.playhead.seek(.2)
