@@ -19,7 +19,7 @@ from .diagnostics import Diagnostics, Status
 from .exchange_check import ExchangeCheck
 from .fit_check import OFF_HAND_DISTANCE
 from .input_monitor import InputMonitor, StateRun
-from .label_changes import LabelChanges
+from .marker_events import LabelChanges
 from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
 from .stream import TrackedFrame

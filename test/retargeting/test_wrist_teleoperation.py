@@ -7,7 +7,7 @@ from hand_tracker.retargeting.wrist_follower import WristOptions, wrist_pose_of
 from hand_tracker.retargeting.wrist_teleoperation import WristTeleoperation
 
 STEP, TIMEOUT = .01, .5     # [s]
-UPRIGHT = 0., 0., 0., 1.
+UNTURNED = 0., 0., 0., 1.
 
 
 class Rig:
@@ -20,9 +20,9 @@ class Rig:
     def tick(self, robot='base', is_following=True):
         """Let a period pass; `robot` is the frame of its wrist's pose, None for no pose."""
         self.now += STEP
-        self.it.observe(wrist_pose_of((.1 * self.now, 0., 0.), UPRIGHT), self.now, 'lab')
+        self.it.observe(wrist_pose_of((.1 * self.now, 0., 0.), UNTURNED), self.now, 'lab')
         if robot is not None:
-            self.it.observe_robot(wrist_pose_of((1., 2., 3.), UPRIGHT), self.now, robot,
+            self.it.observe_robot(wrist_pose_of((1., 2., 3.), UNTURNED), self.now, robot,
                                   round(1e9 * self.now))
         return self.it.command(self.now, is_following)
 
@@ -78,7 +78,7 @@ def test_a_pose_in_another_frame_is_named_as_the_cause():
 
 def test_repeated_stamps_are_no_new_poses():
     rig = Rig().engaged()
-    pose = wrist_pose_of((1., 2., 3.), UPRIGHT)
+    pose = wrist_pose_of((1., 2., 3.), UNTURNED)
     for _ in range(round(1.2 * TIMEOUT / STEP)):
         rig.tick(robot=None)
         rig.it.observe_robot(pose, rig.now, 'base', 10**9)

@@ -23,7 +23,7 @@ from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame, PointReader
 from hand_tracker.messages.stamps import Stamp
-from hand_tracker.tracking.label_changes import LabelChanges
+from hand_tracker.tracking.marker_events import LabelChanges
 from hand_tracker.tracking.point_labels import (
     PointLabelReader,
     PointLabels,
