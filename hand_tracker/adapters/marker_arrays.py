@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, MarkerIds
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, HandIds, MarkerIds
 from ..messages.stamps import Time
 from ..messages.templates import Template, markers_template
 from .packet_structure import PacketOrigin
@@ -18,7 +18,7 @@ POINTS_STEP = 8               # anonymous points by which a message grows
 class MarkerArrayWriter:
     """Write frames of points as serialized MarkerArrays of one layout.
 
-    A marker has its whole name as namespace and the id of `MarkerIds`. Names that were seen once
+    A marker has the namespace and the id of `MarkerIds`. Names that were seen once
     stay in all later messages, as do places for as many anonymous points as there ever were, NaN
     where empty: the tracker's fast path takes messages of the same layout as the last.
 
@@ -26,7 +26,7 @@ class MarkerArrayWriter:
     ----------
     warn_once : callable
         Logs a warning (key, text) once for each key.
-    ids : mapping of str to int, optional
+    ids : callable, optional
         Of the hand's markers, see `MarkerIds`.
 
     Attributes
@@ -36,7 +36,7 @@ class MarkerArrayWriter:
     """
 
     def __init__(self, warn_once: Callable[[str, str], None],
-                 ids: Mapping[str, int] | None = None) -> None:
+                 ids: HandIds | None = None) -> None:
         self._ids = MarkerIds(warn_once, ids)
         self._capacity = 0
         self._layout: tuple[str, tuple[str, ...]] | None = None
@@ -86,7 +86,7 @@ class MarkerArrayWriter:
         taken, rows = self._ids.add(frame.names), self._ids.rows
         self._taken = np.array(taken, int)
         self._places = np.array([rows[frame.names[row]] for row in taken], int)
-        markers = list(zip(rows, self._ids.ids()))
+        markers = self._ids.labels()
         markers += [(ANONYMOUS_NAMESPACE, self._ids.anonymous_id(number))
                     for number in range(self._capacity)]
         self.template: Template = markers_template(frame.frame_id, markers)

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..core.model.hand import DIGITS
+from ..core.model.marker_layout import MarkerLayout
+from ..messages.marker_ids import HandIds, ids_by_name
 from .marker_names import (
     LABEL_SIDES,
     SYNONYMS,
@@ -74,6 +76,24 @@ def hand_labels(labels: Sequence[str], is_skeleton: bool = False) -> list[HandLa
     thumb = THUMB_OF_THREE if any('thumb' in words and {'intermediate', 'medial'} & set(words)
                                   for _, words in split) else THUMB_BONES
     return [_named(side, words, thumb, is_skeleton) for side, words in split]
+
+
+def ids_of_both_hands(layout: MarkerLayout) -> HandIds:
+    """Return the ids of both hands' markers by names that tell the side, in its namespace.
+
+    Parameters
+    ----------
+    layout : MarkerLayout
+        Of each hand: 'RHand:index', 'R_index', 'Anna:right_index_mcp'.
+    """
+    known = ids_by_name(layout)
+
+    def find(name: str) -> tuple[str, int] | None:
+        readings = spellings(name)
+        readings += [(label.side, label.name) for label in hand_labels((name,)) if label]
+        return next(((side, known[own]) for side, own in readings if side and own in known), None)
+
+    return find
 
 
 def are_nameless(labels: Iterable[str]) -> bool:

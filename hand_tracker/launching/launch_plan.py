@@ -248,7 +248,7 @@ class LaunchPlan:
         """Parameters of the source node in a process of its own."""
         hand = self.hands[0]
         return {**{name: hand.parameters[name] for name in SOURCE_TAKES},
-                'side': hand.hand.side, **self.source_parameters}
+                'side': BOTH if len(self.hands) > 1 else hand.hand.side, **self.source_parameters}
 
     def skin_parameters(self, hand: LaunchedHand) -> dict[str, Any]:
         """Return the parameters of the skin of a hand."""

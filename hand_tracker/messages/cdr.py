@@ -8,7 +8,7 @@ encoding is plain CDR (XCDR1), DDS-XTypes 1.3, 7.4. Hostile bytes are refused.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from .labels import LabelMap
 from .landmark_parsers import parse_landmark_markers, parse_named_poses, parse_pose_array
 from .marker_array import ADD, LIST_TYPES, Head, MarkerFrame, Sources, find_sources, placed, scaled
 from .marker_array_parser import parse_marker_array
-from .marker_ids import MarkerIds, no_warning
+from .marker_ids import HandIds, MarkerIds, no_warning
 from .message_kinds import (
     MARKER_ARRAY_KIND,
     PARSE_CLOUD,
@@ -110,14 +110,14 @@ class MarkerReader:
         MarkerArrays when left out.
     warn_once : callable, optional
         Logs a warning (key, text) once for each key.
-    ids : mapping of str to int, optional
+    ids : callable, optional
         Of the hand's markers in messages of names, see `MarkerIds`.
     """
 
     def __init__(self, labels: LabelMap, frame_id: str = '', scale: float = 1.0,
                  zero_is_missing: bool = True, kind: MessageKind = MARKER_ARRAY_KIND,
                  warn_once: Callable[[str, str], None] = no_warning,
-                 ids: Mapping[str, int] | None = None) -> None:
+                 ids: HandIds | None = None) -> None:
         self._labels, self._frame_id = labels, frame_id
         self._scale, self._zero_is_missing = float(scale), bool(zero_is_missing)
         self._kind, self._ids = kind, MarkerIds(warn_once, ids)

@@ -1,7 +1,8 @@
 """Ids of markers that a source knows by name, and of points without names.
 
 They are what the tracker's parameters `labels.*` refer to: the namespace is the whole name, the id
-that of the tracker's marker where the last part of the name says so. No ROS.
+that of the tracker's marker where the last part of the name says so. Of markers of both hands the
+namespace is the side. No ROS.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ MARKER_IDS = {**{place: row for row, place in enumerate(PAPER_PLACES)},
 FIRST_FOREIGN_ID = 1000       # of markers that have none of these names, and of anonymous points
 ANONYMOUS_NAMESPACE = 'unlabelled'
 SOURCE_FRAME = 'mocap'        # of points whose source names no frame
+# Returns the namespace, empty for the name itself, and the id of the hand's marker of a name; None
+# for other names.
+HandIds = Callable[[str], tuple[str, int] | None]
 
 
-def layout_ids(layout: MarkerLayout) -> Mapping[str, int]:
+def ids_by_name(layout: MarkerLayout) -> Mapping[str, int]:
     """Return the ids of a layout's markers, as `MARKER_IDS`, by their names in small letters.
 
     Parameters
@@ -36,6 +40,22 @@ def layout_ids(layout: MarkerLayout) -> Mapping[str, int]:
             **{name.lower(): row for row, name in enumerate(layout.names)}}
 
 
+def layout_ids(layout: MarkerLayout) -> HandIds:
+    """Return the ids of the markers of one hand by the last part of their names.
+
+    Parameters
+    ----------
+    layout : MarkerLayout
+    """
+    known = ids_by_name(layout)
+
+    def find(name: str) -> tuple[str, int] | None:
+        number = known.get(name.rpartition(':')[2].lower())
+        return None if number is None else ('', number)
+
+    return find
+
+
 def no_warning(key: str, text: str) -> None:
     """Log nothing."""
 
@@ -47,8 +67,8 @@ class MarkerIds:
     ----------
     warn_once : callable
         Logs a warning (key, text) once for each key.
-    known : mapping of str to int, optional
-        Ids of the hand's markers, as of `layout_ids`; of the paper's eight when left out.
+    find : callable, optional
+        Finds the ids of the hand's markers, as `layout_ids`; of the paper's eight when left out.
 
     Attributes
     ----------
@@ -57,8 +77,8 @@ class MarkerIds:
     """
 
     def __init__(self, warn_once: Callable[[str, str], None],
-                 known: Mapping[str, int] | None = None) -> None:
-        self._warn_once, self._known = warn_once, MARKER_IDS if known is None else known
+                 find: HandIds | None = None) -> None:
+        self._warn_once, self._find = warn_once, find or layout_ids(MarkerLayout())
         self.rows: dict[str, int] = {}
 
     def add(self, names: Sequence[str]) -> list[int]:
@@ -74,18 +94,19 @@ class MarkerIds:
             here.add(name)
         return taken
 
-    def ids(self) -> list[int]:
-        """Return the id of each name; a hand's own go to no marker where several claim one."""
-        own = [self._known.get(name.rpartition(':')[2].lower()) for name in self.rows]
-        ids = []
-        for row, (name, number) in enumerate(zip(self.rows, own)):
-            if number is not None and own.count(number) > 1:
+    def labels(self) -> list[tuple[str, int]]:
+        """Return namespace and id of each name; several that claim one of a hand do not get it."""
+        own = [self._find(name) for name in self.rows]
+        labels = []
+        for row, (name, label) in enumerate(zip(self.rows, own)):
+            if label is not None and own.count(label) > 1:
                 self._warn_once('subjects', f"'{name}' and others are called alike: none of them "
                                             'is taken for a marker of the hand; name one subject '
-                                            '(subject) or set labels.*')
-                number = None
-            ids.append(FIRST_FOREIGN_ID + row if number is None else number)
-        return ids
+                                            '(subject) or set labels.*; of both hands, side:=both')
+                label = None
+            space, number = label or ('', FIRST_FOREIGN_ID + row)
+            labels.append((space or name, number))
+        return labels
 
     def anonymous_id(self, number: int) -> int:
         """Return the id of the anonymous point of a number."""
@@ -98,7 +119,7 @@ class MarkerIds:
         """
         named = [place for place, name in enumerate(names) if name]
         kept = {named[k] for k in self.add([name for name in names if name])}
-        ids = dict(zip(self.rows, self.ids()))
+        labels = dict(zip(self.rows, self.labels()))
         heads: list[Head] = []
         anonymous = 0
         for place, name in enumerate(names):
@@ -107,7 +128,7 @@ class MarkerIds:
                     anonymous < MOST_MARKERS)
                 anonymous += 1
             else:
-                label, counts = (name, ids.get(name, FIRST_FOREIGN_ID)), place in kept
+                label, counts = labels.get(name, (name, FIRST_FOREIGN_ID)), place in kept
             heads.append(Head(frame_id or SOURCE_FRAME, *label, SPHERE, ADD if counts else DELETE,
                               0))
         if anonymous >= MOST_MARKERS:

@@ -6,7 +6,7 @@ another one, messages are built and read as objects.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from ..messages.builders import (
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame, markers_from_message
-from ..messages.marker_ids import no_warning
+from ..messages.marker_ids import HandIds, no_warning
 from ..messages.message_kinds import MARKER_ARRAY_KIND, MessageKind
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
 from ..messages.stamps import Stamp, Time
@@ -83,7 +83,7 @@ class Serialization:
 
     def markers(self, settings: Settings, frame_id: str, kind: MessageKind = MARKER_ARRAY_KIND,
                 warn_once: Callable[[str, str], None] = no_warning,
-                ids: Mapping[str, int] | None = None) -> MarkerReader | _ObjectReader:
+                ids: HandIds | None = None) -> MarkerReader | _ObjectReader:
         """Return a reader of markers: its `read` returns the MarkerFrame of a message.
 
         Parameters
@@ -95,7 +95,7 @@ class Serialization:
             MarkerArrays, where messages are no bytes.
         warn_once : callable
             Logs a warning (key, text) once for each key.
-        ids : mapping of str to int
+        ids : callable
             See `MarkerReader`.
         """
         how = settings.labels, frame_id, settings.unit_scale, settings.zero_is_missing

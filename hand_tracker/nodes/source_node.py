@@ -51,7 +51,8 @@ from ..adapters.point_frame import (
     turned_upright,
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
-from ..core.model.hand import SIDES
+from ..calibration.hand_labels import ids_of_both_hands
+from ..core.model.hand import BOTH, SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.hand_file import choose_hand
 from ..files.layout_file import choose_layout
@@ -86,7 +87,8 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'does not tell it: all stamps are earlier by it [s]', range=(0., 1.)),
     Parameter('subject', '', 'Rigid body, marker set or subject whose markers alone are taken; '
               'empty for all'),
-    Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources any'),
+    Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources both where '
+              'names of markers tell the side, else any'),
     Parameter('landmarks', USUAL_LANDMARKS, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
     Parameter('layout', '', "Markers that are worn, as the tracker's: their names get its ids"),
@@ -116,12 +118,15 @@ class SourceNode(Node):
         values = self._values = declare(self, SOURCE_PARAMETERS)
         landmark_order(values['landmarks'])
         self._once = OncePerKey()
-        self._writer = MarkerArrayWriter(self._warn_once, layout_ids(_worn_layout(values)))
+        layout = _worn_layout(values)
+        self._ids_of_both = ids_of_both_hands(layout)
+        self._writer = MarkerArrayWriter(
+            self._warn_once, self._ids_of_both if values['side'] == BOTH else layout_ids(layout))
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
         self._take: Callable[[bytes], None] | None = None
         self._client: NatNetClient | QualisysClient | None = None
-        self._has_frame = False
+        self._has_frame = self._has_names = False
         self._ended, self._thread = Event(), None
         if values['source'] in SERVED:
             self._origin = f"{values['source']} server {values['server']}"
@@ -242,11 +247,20 @@ class SourceNode(Node):
         # Others may listen too.
         if self._take is None or self._publisher.get_subscription_count():
             self._publisher.publish(message)
-        if not self._has_frame:
-            self._has_frame = True
-            log_line(self, False, f'{self._origin}: {len(frame.names)} named markers '
-                              f'({", ".join(frame.names[:3])}{"..." if frame.names[3:] else ""}), '
-                              f'{len(frame.points)} anonymous points')
+        # Names may come later than the first points.
+        if not self._has_frame or frame.names and not self._has_names:
+            self._report_names(frame)
+
+    def _report_names(self, frame: SourceFrame) -> None:
+        """Log what a frame has, and that the names are of both hands where only one's are taken."""
+        self._has_frame, self._has_names = True, bool(frame.names)
+        log_line(self, False, f'{self._origin}: {len(frame.names)} named markers '
+                          f'({", ".join(frame.names[:3])}{"..." if frame.names[3:] else ""}), '
+                          f'{len(frame.points)} anonymous points')
+        hands = {found[0] for found in map(self._ids_of_both, frame.names) if found is not None}
+        if len(hands) > 1 and self._values['side'] != BOTH:
+            self._warn_once('sides', f'{self._origin}: names of both hands; side:=both takes each '
+                                     'by its side, as the tracker of both expects them')
 
     def _report_silence(self) -> None:
         self._silence.cancel()

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 
 from ..adapters.hand_landmarks import LandmarkChecks, named_points
 from ..adapters.marker_messages import MARKER_MESSAGES
+from ..calibration.hand_labels import ids_of_both_hands
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
@@ -112,6 +113,7 @@ class TrackedHand:
         self._starts_without_labels = start['labels'] == WITHOUT_LABELS
         self.labels_points = self._starts_without_labels
         self._point_labels = point_labels or PointLabels()
+        self._shares_topic = point_labels is not None
         kind = MARKER_MESSAGES[start['marker_message']]
         # Points of both hands are labelled together.
         self._kind = kind if self.labels_points else kind_of_hand(kind, self.hand.side)
@@ -263,7 +265,7 @@ class TrackedHand:
                 self._point_labels)
         return self._serialization.markers(
             self.settings, self._mocap_frame, self._kind, self.warn_once,
-            layout_ids(self._tracker.layout))
+            (ids_of_both_hands if self._shares_topic else layout_ids)(self._tracker.layout))
 
     def _values(self) -> dict[str, Any]:
         """Return the value of each parameter that acts from the next frame on."""

@@ -94,7 +94,7 @@ def _are_names(names: Sequence[str], labels: Sequence[str], choice: MarkerChoice
     sent = MarkerIds(no_warning)
     sent.add(list(filter(None, names)))
     # Of a source that gives the markers the tracker's own ids.
-    if set(range(len(MARKERS))) <= {id for id, name in zip(sent.ids(), sent.rows)
+    if set(range(len(MARKERS))) <= {id for (_, id), name in zip(sent.labels(), sent.rows)
                                     if id == ids[name]}:
         return False
     return any(len(hand.columns) >= LEAST_NAMED for hand in labelled_hands(names))
