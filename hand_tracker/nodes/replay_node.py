@@ -154,6 +154,9 @@ class ReplayNode(Node):
             if isinstance(bag, PointBag) and all(hand.side for hand in bag.hands):
                 side = BOTH if len(bag.hands) > 1 else bag.hands[0].side
                 self.get_logger().info(f'{bag.path}: markers for a tracker with side:={side}')
+            if isinstance(bag, PointBag) and not bag.has_labels:
+                self.get_logger().info(f'{bag.path}: points without labels, as of a tracker with '
+                                       'labels:=none')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
             points = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]

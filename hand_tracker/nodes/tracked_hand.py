@@ -192,12 +192,13 @@ class TrackedHand:
         for frames in published:
             if self._monitor.update(frames):
                 self.publish_status(frames.published[-1])
-        # Points of both hands would be labelled for one hand alone.
-        fault = None if self._scope or self.labels_points else self._monitor.label_fault
-        if fault is not None:
-            self._label_points(fault)
 
-    def _label_points(self, reason: str) -> None:
+    @property
+    def label_fault(self) -> str | None:
+        """Why the labels of the markers are of no use, None where they are, or are not used."""
+        return None if self.labels_points else self._monitor.label_fault
+
+    def label_points(self, reason: str) -> None:
         """Label points by the hand's shape from the next message on."""
         self._monitor.warn_once(
             ('labels', self.settings.labels.labels), f'{reason}: points are labelled by the shape '

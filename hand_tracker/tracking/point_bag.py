@@ -18,6 +18,7 @@ from ..files.point_recording import PointRecording, RecordingError
 from ..files.recordings import ReadingOptions
 from ..messages.labels import LabelMap, default_labels, labels_of_hand, maps_of_hands
 from ..messages.marker_array import MARKER_ARRAY
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE, FIRST_FOREIGN_ID
 from .compile_kernels import prepare_kernels
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ class PointBag(Bag):
             labels = LabelMap(default_labels(layout.names), layout.names)
             self.hands = tuple(RecordedMarkers(side, layout, labels) for side in (
                 SIDES if choice.side == BOTH else (choice.side or '',)))
-            self._heads = [('hand', row) for row in range(recording.points.shape[1])]
+            # As of a live source.
+            self._heads = [(ANONYMOUS_NAMESPACE, FIRST_FOREIGN_ID + row)
+                           for row in range(recording.points.shape[1])]
             self._points = recording.points
         hand = self.hands[0]
         if not hand.side and recording.side:
