@@ -141,6 +141,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     """Run the nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
+    if options.left_hand:
+        presets['left.hand_file'] = options.left_hand
     if listener.is_anonymous:
         _complete_kernels(jit.LABELLING_SET, 'labels points')
     elif robot is not None:

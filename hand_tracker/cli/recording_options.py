@@ -64,6 +64,9 @@ def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> Non
         Whether the side may be both.
     """
     parser.add_argument('--hand', metavar='FILE', help='hand file (YAML); default: the mean hand')
+    if both:
+        parser.add_argument('--left-hand', metavar='FILE', help='with --side both: hand file of '
+                            "the left hand; default: --hand's")
     parser.add_argument('--side', choices=(*SIDES, BOTH) if both else SIDES,
                         help="default: the hand file's, else right")
     parser.add_argument('--limits', choices=LIMIT_PRESETS,
@@ -271,9 +274,12 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
 
     given = vars(options)    # not every command has all
     sides = SIDES if options.side == BOTH else (options.side,)
-    chosen = [choose_hand(options.hand, side, options.limits, options.coupling, options.layout)
-              for side in sides]
+    chosen = [choose_hand(_hand_file(options, side), side, options.limits, options.coupling,
+                          options.layout) for side in sides]
     hand, layout = chosen[0]
+    if any(other.names != layout.names for _, other in chosen):
+        raise HandTrackerError(f'--left-hand: {options.left_hand}: other markers than those of '
+                               f'{options.hand}; expected the same on both hands')
     choice = MarkerChoice(
         reading_options(options), hand.side if options.hand and options.side != BOTH
         else options.side, chosen_labels(options.markers, layout.names),
@@ -289,21 +295,40 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
         return [WornHand(*one, own) for one, own in zip(chosen, labels)], options.recording
     points = PointBag(options.recording, choice)
     hands = []
-    for (hand, _), worn in zip(chosen, points.hands):
+    for (hand, own), worn in zip(chosen, points.hands):
         if worn.side not in ('', hand.side):
             hand, _ = choose_hand(
                 options.hand, worn.side, options.limits, options.coupling, options.layout)
-        hands.append(WornHand(hand, worn.layout, worn.labels))
+        hands.append(WornHand(
+            hand, own if given.get('left_hand') else worn.layout, worn.labels))
     return hands, points
 
 
-def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
-    """Return the notes to print on a recording, see `recorded_hands`."""
+def _hand_file(options: argparse.Namespace, side: str | None) -> str | None:
+    """Return the hand file of the hand of a side, which is None where it is not chosen."""
+    left = getattr(options, 'left_hand', None)
+    if left is None:
+        return options.hand and str(options.hand)
+    if options.side != BOTH or not options.hand:
+        raise HandTrackerError(f'--left-hand: {left}; expected with --side both, and --hand for '
+                               'the right hand')
+    return str(left if side == 'left' else options.hand)
+
+
+def recorded_notes(options: argparse.Namespace, hands: Sequence[WornHand],
+                   recording: Path | PointBag) -> list[str]:
+    """Return the notes to print on a recording and its hands, see `recorded_hands`."""
+    from ..files.hand_file import mirrored_note
     from ..tracking.opened_recording import open_recording
 
     # One that is cut was refused before, unless that was asked for.
     with open_recording(recording, partial=True) as bag:
-        return bag.notes
+        notes = [*bag.notes]
+    for one in hands:
+        path = _hand_file(options, one.hand.side)
+        if path and (note := mirrored_note(path, one.hand.side)) is not None:
+            notes.append(note)
+    return notes
 
 
 def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,

@@ -47,7 +47,7 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     from ..viewer.recording_source import viewed_hands
 
     hands, recording = recorded_hands(options)
-    for note in recorded_notes(recording):
+    for note in recorded_notes(options, hands, recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
     viewed = [(hand, layout, recorded_reading(options, recording, labels))
               for hand, layout, labels in hands]

@@ -49,7 +49,7 @@ from .layout_file import choose_layout, layout_of_tree, tree_of_layout
 from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
-__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'save_hand']
+__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note', 'save_hand']
 
 
 LENGTH = Quantity('mm', 0, *(1000. * v for v in HAND_LENGTH_RANGE))
@@ -193,6 +193,21 @@ def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None
     markers = choose_layout(layout) if layout else markers
     hand = hand.replace(**overrides)
     return hand.with_open_palm() if shows_arch(markers) else hand, markers
+
+
+def mirrored_note(path: str | PathLike[str], side: str) -> str | None:
+    """Return a note where a hand file is not of the side of a hand, else None.
+
+    Parameters
+    ----------
+    path : path-like
+        Hand file.
+    side : {'right', 'left'}
+        Of the hand that it stands for.
+    """
+    own = load_hand(path)[0].side
+    return None if own == side else (
+        f'the hand file {path} is of a {own} hand: its mirror image is taken for the {side} one')
 
 
 def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> None:

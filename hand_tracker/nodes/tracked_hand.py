@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
+from ..files.hand_file import mirrored_note
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
@@ -95,6 +97,7 @@ class TrackedHand:
                  point_labels: PointLabels | None = None) -> None:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
+        self._hand_file = start['hand_file']
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
         self._marker_names = layout.names
         self._rows = self._table(self.hand)
@@ -139,6 +142,9 @@ class TrackedHand:
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
         self._monitor.check_side(self.hand, self._tracker.layout)
+        if self._hand_file and (note := mirrored_note(
+                Path(self._hand_file).expanduser(), self.hand.side)) is not None:
+            self._monitor.warn_once('mirrored', note)
         if self.labels_points:
             self._warn_of_usual_shape()
         self._check_exchange()
