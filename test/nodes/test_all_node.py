@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.hands import hand_at
+from helpers.hands import BENT_ANGLES, RIGHT, hand_at
 from helpers.natnet_server import NatNetServer
 from helpers.ros_process import PLAIN_PYTHON, Process, frames_on_fast_path, watching_node
 from sensor_msgs.msg import JointState
@@ -60,6 +60,31 @@ def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
         assert len(answers[-1].name) == 25 and np.isfinite(answers[-1].position).all()
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('sets', [
+    {'RHand': MARKERS, 'LHand': MARKERS},
+    {'Hands': tuple(f'{side}_{name}' for side in ('right', 'left') for name in MARKERS)}])
+def test_markers_of_both_hands_in_motive_are_tracked(sets):
+    pair = np.concatenate((hand_at(), hand_at(hand=RIGHT.mirrored(), offset=(0., .4, 1.))))
+    parts = dict(zip(sets, np.split(pair, len(sets))))
+    with NatNetServer((4, 1), sets) as server, together(
+            'tracker', 'source', remaps=['markers:=source/markers'], source='natnet', side='both',
+            port=server.port) as process, watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        statuses = node.collect(DiagnosticArray, '/diagnostics')
+
+        def send():
+            if server.is_connected:
+                server.send_frame(parts, time.monotonic())
+
+        node.repeat(send, lambda: answers and len(answers[-1].name) == 50 and (
+            not COMPILED or min(frames_on_fast_path(statuses).values(), default=0) > 20), .01)
+        for number in range(2):
+            np.testing.assert_allclose(
+                answers[-1].position[25 * number:][:25], BENT_ANGLES, atol=.05)
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output and "labels:='none'" not in process.output
 
 
 @pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
@@ -206,6 +231,17 @@ def test_what_cannot_run_together_is_refused(names, line):
     with together(*names) as process:
         assert process.wait() == 2
     assert line in process.output and 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('words', [
+    ('-p', 'tracker:side:=both'), ('-p', 'hand_traker:side:=left'), ('-r', 'viewer:a:=b')])
+def test_a_parameter_of_a_node_that_is_not_there_is_refused(words):
+    with Process([sys.executable, '-m', 'hand_tracker.nodes.all_node', 'tracker', 'replay',
+                  '--ros-args', '-r', 'markers:=mine', '-p', 'hand_tracker:side:=left', *words],
+                 None) as process:
+        assert process.wait() == 2
+    name = words[1].partition(':')[0]
+    assert f"no node is called '{name}'; expected hand_tracker, replay" in process.output
 
 
 def test_a_wrong_parameter_of_one_ends_all_with_its_line():

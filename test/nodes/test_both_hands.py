@@ -228,13 +228,15 @@ class CloudBench(BothBench):
         return stamp_of(self.number)
 
 
+PAIRS = list(zip(motion(RIGHT)[:8], (left + (0., .4, 0.) for left in motion(LEFT)[:8])))
+
+
 def test_points_without_labels_are_told_apart_by_the_shape_of_both_hands():
-    frames = list(zip(motion(RIGHT)[:8], (left + (0., .4, 0.) for left in motion(LEFT)[:8])))
     with tracking_both({'labels': 'none', 'auto_size': False}, CloudBench) as bench:
         labelled = {side: bench.node.collect(MarkerArray, f'{side}/labelled_markers')
                     for side in SIDES}
-        bench.meet(frames[0], heard=tuple(labelled.values()))
-        for pair in frames:
+        bench.meet(PAIRS[0], heard=tuple(labelled.values()))
+        for pair in PAIRS:
             answer = bench.answer(pair)
             assert list(answer.name) == names(*SIDES)
             for side, expected in zip(SIDES, pair):
@@ -244,3 +246,21 @@ def test_points_without_labels_are_told_apart_by_the_shape_of_both_hands():
                 places = [(at.x, at.y, at.z) for at in (
                     marker.pose.position for marker in found[-1].markers)]
                 np.testing.assert_array_equal(places, expected)
+
+
+def test_labels_of_no_use_are_left_for_the_shape_of_both_hands():
+    with tracking_both({'auto_size': False}, CloudBench) as bench:
+        answers = bench.node.collect(JointState, 'joint_states')
+        bench.node.repeat(lambda: bench.send(PAIRS[0]),
+                          lambda: answers and list(answers[-1].name) == names(*SIDES), .02)
+    assert bench.process.output.count("as with labels:='none'") == len(SIDES)
+
+
+def test_labels_of_one_hand_stay_while_the_other_is_not_there():
+    with tracking_both() as bench:
+        bench.node.create_publisher(MarkerArray, 'markers', 10)
+        answers = bench.node.collect(JointState, 'joint_states')
+        start = bench.number
+        bench.node.repeat(lambda: bench.send((None, REST_HANDS[1])),
+                          lambda: answers and bench.number > start + 200, .01)
+    assert "labels:='none'" not in bench.process.output

@@ -203,9 +203,9 @@ def both_markers(frames, number):
 
 
 def test_both_hands_of_one_message():
-    kinds = {BASE: (MarkerArray, both_arrays, {}), 'mocap4r2_markers': (Markers, both_markers, {
-        'right.markers': '1000', 'left.markers': '1008'}),
-        'named_pose_array': (NamedPoseArray, both_named, {})}
+    kinds = {BASE: (MarkerArray, both_arrays, {}),
+             'mocap4r2_markers': (Markers, both_markers, {}),
+             'named_pose_array': (NamedPoseArray, both_named, {})}
     rest = hand_at(), hand_at(hand=LEFT)
     with trackers(kinds, {'side': 'both'}) as bench:
         bench.meet(rest)

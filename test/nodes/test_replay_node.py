@@ -218,6 +218,19 @@ def test_a_file_of_points_is_played_as_markers(watch, tmp_path):
                 assert (point.x, point.y, point.z) == pytest.approx(place, abs=1e-6)
 
 
+def test_points_without_labels_are_played_as_such(watch, tmp_path):
+    recording = hand_recording(FRAMES)
+    write_recording(tmp_path / 'take.trc', recording._replace(
+        labels=('',) * len(recording.labels)))
+    with replay(tmp_path / 'take.trc') as process:
+        markers = watch.collect(MarkerArray, 'markers')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+        assert 'points without labels, as of a tracker with labels:=none' in process.output
+    assert {(marker.ns, marker.id) for message in markers for marker in message.markers} <= {
+        ('unlabelled', 1000 + row) for row in range(len(recording.labels))}
+
+
 def test_excluded_topics_are_left_out_unless_named(bags, watch, tmp_path):
     def earlier_run():
         for message in frames():

@@ -151,9 +151,10 @@ def test_one_hand_of_two_is_taken_with_its_validity():
     assert message.markers[0].header.stamp == Time()
 
 
-def test_motive_comes_out_as_markers():
+@pytest.mark.parametrize('side', ['left', 'both'])
+def test_motive_comes_out_as_markers(side):
     with NatNetServer((4, 1), {'RHand': MARKERS}) as server, source(
-            source='natnet', server='127.0.0.1', port=server.port, side='both') as (_, watch):
+            source='natnet', server='127.0.0.1', port=server.port, side=side) as (_, watch):
         found = watch.collect(MarkerArray, '/source/markers')
 
         def send():
@@ -163,8 +164,25 @@ def test_motive_comes_out_as_markers():
         watch.repeat(send, lambda: found and len(found[-1].markers) > 8)
     frame = markers_from_message(found[-1], LabelMap())
     np.testing.assert_allclose(frame.positions, PLACES, rtol=1e-6)
-    assert {marker.ns for marker in found[-1].markers} == {
-        *(f'RHand:{name}' for name in MARKERS), 'unlabelled'}
+    spaces = {'right'} if side == 'both' else {f'RHand:{name}' for name in MARKERS}
+    assert {marker.ns for marker in found[-1].markers} == {*spaces, 'unlabelled'}
+
+
+def test_names_of_both_hands_are_told_of_where_they_come(capfd):
+    names = [f'{hand}_{name}' for hand in 'RL' for name in MARKERS]
+    with NatNetServer((4, 1), {'Hands': names}) as server, source(
+            source='natnet', port=server.port) as (_, watch):
+        def send(sets):
+            if server.is_connected:
+                server.send_frame(sets, time.monotonic(), unlabelled=PLACES[:1])
+
+        found = watch.collect(MarkerArray, '/source/markers')
+        watch.repeat(lambda: send({}), lambda: found, .01)
+        watch.repeat(lambda: send({'Hands': np.concatenate((PLACES, PLACES))}),
+                     lambda: len(found[-1].markers) > 16, .01)
+    said = capfd.readouterr().err
+    assert '0 named markers' in said and '16 named markers (Hands:R_wrist' in said
+    assert said.count('names of both hands; side:=both takes each by its side') == 1
 
 
 def test_a_client_with_a_fault_begins_anew(monkeypatch, capfd):

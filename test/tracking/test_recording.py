@@ -19,6 +19,7 @@ from benchmarks.offline import measure_one
 from benchmarks.repository import REPOSITORY
 from hand_tracker.cli.track import main
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.numerics.vectors import unit_vectors
 from hand_tracker.core.tracker import HandTracker
@@ -187,6 +188,43 @@ def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
                            rtol=0, atol=1e-5)
     assert main([*arguments, str(glb), '--names', 'mixamo']) == 0
     assert b'mixamorig:LeftHandThumb3' in glb.read_bytes()
+
+
+def test_each_of_both_hands_may_have_a_hand_file(tmp_path, capsys):
+    recordings = {side: part._replace(stamps=part.stamps[:60], markers=part.markers[:60],
+                                      angles=part.angles[:60])
+                  for side, part in packaged_recordings('both').items()}
+    write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
+    files = {side: str(tmp_path / f'{side}.yaml') for side in SIDES}
+    for side, length in zip(SIDES, (.18, .2)):
+        save_hand(files[side], Hand.scaled(length, side=side), MarkerLayout())
+
+    def angles(name, *words):
+        assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / name), *words]) == 0
+        return read_table(tmp_path / name)[1][:, 1:]
+
+    both = angles('both.csv', '--side', 'both', '--hand', files['right'], '--left-hand',
+                  files['left'])
+    assert 'mirror' not in capsys.readouterr().err
+    for number, side in enumerate(SIDES):
+        alone = angles('one.csv', '--hand', files[side], *(
+            word for row, marker in enumerate(MARKERS)
+            for word in ('--label', f'{marker}={side}/{row}')))
+        assert np.array_equal(both[:, 25 * number:][:, :25], alone)
+    assert not np.array_equal(both[:, 25:], angles(
+        'mirrored.csv', '--side', 'both', '--hand', files['right'])[:, 25:])
+    assert 'right.yaml is of a right hand: its mirror image is taken for the left one' in (
+        capsys.readouterr().err)
+    for words in (('--side', 'both'), ('--hand', files['right'])):
+        assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'no.csv'), '--left-hand',
+                     files['left'], *words]) == 1
+        assert 'expected with --side both, and --hand for the right hand' in (
+            capsys.readouterr().err)
+    layout = preset_layout('tips5_palm3')
+    save_hand(files['left'], Hand.scaled(side='left'), layout)
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'no.csv'), '--side', 'both',
+                 '--hand', files['right'], '--left-hand', files['left']]) == 1
+    assert 'other markers than those of' in capsys.readouterr().err
 
 
 def test_both_hands_are_found_among_points_without_labels(tmp_path, capsys):
