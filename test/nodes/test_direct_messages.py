@@ -1,6 +1,7 @@
 """Trackers that take the messages of systems as they are, over DDS: the same as of MarkerArrays."""
 
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -195,16 +196,21 @@ def both_arrays(frames, number):
     return array
 
 
-def both_markers(frames, number):
-    """Return the Markers of both hands; the tracker knows none of the names."""
-    return with_header(Markers(markers=[
-        one for side, positions in zip('rl', frames)
-        for one in named([f'{side}{row}' for row in range(8)], positions)]), number)
+UNKNOWN_NAMES = [[f'{side}{row}' for row in range(8)] for side in 'rl']
+NAMES_WITH_SIDE = [[f'{side}Hand:{name}' for name in MARKERS] for side in 'RL']
 
 
-def test_both_hands_of_one_message():
+def both_markers(names, frames, number):
+    """Return the Markers of both hands, by the names of their markers."""
+    return with_header(Markers(markers=[one for own, positions in zip(names, frames)
+                                        for one in named(own, positions)]), number)
+
+
+@pytest.mark.parametrize('names, parameters', [
+    (UNKNOWN_NAMES, {'right.markers': '1000', 'left.markers': '1008'}), (NAMES_WITH_SIDE, {})])
+def test_both_hands_of_one_message(names, parameters):
     kinds = {BASE: (MarkerArray, both_arrays, {}),
-             'mocap4r2_markers': (Markers, both_markers, {}),
+             'mocap4r2_markers': (Markers, partial(both_markers, names), parameters),
              'named_pose_array': (NamedPoseArray, both_named, {})}
     rest = hand_at(), hand_at(hand=LEFT)
     with trackers(kinds, {'side': 'both'}) as bench:
