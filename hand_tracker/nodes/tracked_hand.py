@@ -116,8 +116,9 @@ class TrackedHand:
         self._starts_without_labels = start['labels'] == WITHOUT_LABELS
         self.labels_points = self._starts_without_labels
         self._point_labels = point_labels or PointLabels()
-        self._shares_topic = point_labels is not None
         kind = MARKER_MESSAGES[start['marker_message']]
+        # Landmarks are each hand's own.
+        self._shares_names = point_labels is not None and kind not in LANDMARK_KINDS
         # Points of both hands are labelled together.
         self._kind = kind if self.labels_points else kind_of_hand(kind, self.hand.side)
         self._landmark_checks = LandmarkChecks(
@@ -272,7 +273,7 @@ class TrackedHand:
                 self._point_labels)
         return self._serialization.markers(
             self.settings, self._mocap_frame, self._kind, self.warn_once,
-            (ids_of_both_hands if self._shares_topic else layout_ids)(self._tracker.layout))
+            (ids_of_both_hands if self._shares_names else layout_ids)(self._tracker.layout))
 
     def _values(self) -> dict[str, Any]:
         """Return the value of each parameter that acts from the next frame on."""
