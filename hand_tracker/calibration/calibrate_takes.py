@@ -86,7 +86,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
                             '', *report.table())))
     print('\n'.join(lines))
     save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
-    return (f'{output}: hand of {1e3 * fit.length:.0f} mm (standard deviation '
+    return (f'{output}: {takes[0].side} hand of {1e3 * fit.length:.0f} mm (standard deviation '
             f'{1e3 * fit.length_deviation:.0f} mm), and at its end each fitted parameter '
             f'with its standard deviation; its markers are drawn in {picture}')
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import FINGERS
+from ..core.model.hand import FINGERS, OTHER_SIDE
 from ..core.numerics.vectors import unit_vectors
 from ..files.point_recording import UNIT_SPELLINGS, Axes, PointRecording, conversion_note
 from .cloud_size import cloud_scale
@@ -26,6 +26,7 @@ LIKELIER_UNITS = (*SIZE_UNITS, 'in')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
 LEAST_DOUBT = .02          # of a side that every frame shows
+LEAST_HAND = 4             # points of a hand that is missed where it is left out
 WRONG_SIZE = 2.5           # times as large or small as hands are, that is logged
 
 
@@ -47,6 +48,12 @@ class HandPoints(NamedTuple):
 def hands_of(recording: PointRecording) -> list[HandPoints]:
     """Return the hands that a recording's labels name, as `labelled_hands`."""
     return labelled_hands(recording.labels, recording.is_landmarks)
+
+
+def names_other_hand(recording: PointRecording, side: str) -> bool:
+    """Return whether a recording's labels name a hand of the other side; empty is none."""
+    return any(side and hand.side == OTHER_SIDE[side] and len(hand.columns) >= LEAST_HAND
+               for hand in hands_of(recording))
 
 
 def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[HandPoints]:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES
+from ..core.model.hand import OTHER_SIDE, SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.npz_file import checked_points, named_fields, open_arrays, without_points
 from ..files.point_recording import PointRecording
 from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
-from .hand_axes import HandPoints, hands_of, side_likelihood
+from .hand_axes import HandPoints, hands_of, names_other_hand, side_likelihood
 from .hand_markers import choose_markers, labelled_column, marker_points
 from .layout_names import layout_named, names_in_layout
 from .marker_names import UsualPlace, canonical_name, identify
@@ -117,6 +117,11 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         known = tuple(columns)
         points = recording.points[:, list(columns.values())].astype(float)
     own_side = own_side or recording.side
+    notes = rate_notes(path, recording.rate)
+    if side is None and names_other_hand(recording, own_side):
+        other = OTHER_SIDE[own_side]
+        notes += (f'{path}: the {own_side} hand is fitted; labels name a {other} one, too '
+                  f'(--side {other})',)
     if side is None and not own_side:
         hand = HandPoints('', dict(zip(known, range(len(known)))))
         likelihood = side_likelihood(recording._replace(points=points), hand)
@@ -127,7 +132,7 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         path.stem, tuple(name for name, keep in zip(known, kept) if keep), points[:, kept],
         side or own_side, float(np.clip(rate, *TAKE_RATE_RANGE)),
         np.zeros(len(points), dtype=int), not recording.is_landmarks, usual=usual,
-        notes=rate_notes(path, recording.rate))
+        notes=notes)
 
 
 def _named_columns(recording: PointRecording, side: str | None,

@@ -68,7 +68,8 @@ def main(args: list[str] | None = None) -> int:
         here = [ROS_NAMES[name] for name in names]
         if addressed and addressed[1] not in here:
             parser.error(f"{word}: no node is called '{addressed[1]}'; expected {', '.join(here)}")
-    return run_together(list(classes.values()), serve, args, 'all', ros_words_alone=False)
+    return run_together({ROS_NAMES[name]: kind for name, kind in classes.items()}, serve, args,
+                        ros_words_alone=False)
 
 
 if __name__ == '__main__':

@@ -121,3 +121,4 @@ class HandServices:
     def stop(self) -> None:
         """Cancel the calibration that runs."""
         self._calibration.stop()
+        self._hand.collect(None)

@@ -225,21 +225,20 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         Exit code: 0 at the end of the work or when interrupted by SIGINT or SIGTERM, 1 after
         an error of the user's input, which is logged in one line.
     """
-    return run_together([make_node], work, args, name, ros_words_alone)
+    return run_together({name: make_node}, work, args, ros_words_alone)
 
 
-def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., object] = spin,
-                 args: list[str] | None = None, name: str = 'hand_tracker',
-                 ros_words_alone: bool = True) -> int:
+def run_together(makers: Mapping[str, Callable[[], Node]], work: Callable[..., object] = spin,
+                 args: list[str] | None = None, ros_words_alone: bool = True) -> int:
     """Make nodes in one process, let them work, end cleanly, as `run`.
 
     Parameters
     ----------
-    makers : sequence of callable
-        Each returns a node.
+    makers : mapping of str to callable
+        Each returns a node; by the names of their loggers before they are there.
     work : callable
         Called with the nodes.
-    args, name, ros_words_alone
+    args, ros_words_alone
         See `run`.
     """
     # rclpy's own handlers end the context from another thread, in the middle of a publish.
@@ -249,7 +248,7 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
         _init(args)
         if ros_words_alone:
             _refuse_words(remove_ros_args(sys.argv[1:] if args is None else args))
-        for make_node in makers:
+        for make_node in makers.values():
             nodes.append(make_node())
         _handle_interrupts(_interrupt)
         _warn_of_unknown(nodes)
@@ -259,7 +258,9 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (HandTrackerError, ParameterException) as error:
-        logger = nodes[-1].get_logger() if nodes else rclpy.logging.get_logger(name)
+        is_made = len(nodes) == len(makers)
+        logger = (nodes[-1].get_logger() if is_made else
+                  rclpy.logging.get_logger([*makers][len(nodes)]))
         logger.error(_in_words(error))
         return 1
     except RuntimeError:  # RCLError has no public name

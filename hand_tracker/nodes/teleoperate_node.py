@@ -14,7 +14,7 @@ from .tracker_node import TrackerNode
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes until they are interrupted; return the exit code."""
-    return run_together([TrackerNode, RetargetNode], args=args, name='teleoperate')
+    return run_together({'hand_tracker': TrackerNode, 'retarget': RetargetNode}, args=args)
 
 
 if __name__ == '__main__':

@@ -347,7 +347,8 @@ class TrackedHand:
         self._node.disable_fast_path()
 
     def reset(self) -> None:
-        """Track as if no frame had come yet; only while none is tracked."""
+        """Track as if no frame had come yet, without a calibration; only while none is tracked."""
+        self.services.stop()
         self._forget_frames()
         self.stream.reader = self._new_reader()
 

@@ -107,6 +107,8 @@ class LiveCalibration:
         """Cancel the calibration that runs."""
         if self._fit is not None:
             self._fit.stop()
+        self.take = self._fit = None
+        self._text, self._values = NO_CALIBRATION, {}
 
 
 class Fit:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from ..calibration.hand_labels import HandLabel
     from ..calibration.hand_markers import ChosenMarkers
 
-LEAST_HAND = 4  # points of a hand that is missed where it is left out
-
 
 class MarkerChoice(NamedTuple):
     """Options for finding the hand's markers in recorded points.
@@ -211,14 +209,14 @@ def _chosen_hands(recording: PointRecording, choice: MarkerChoice) -> list[Chose
 def _left_out(recording: PointRecording, choice: MarkerChoice,
               chosen: Sequence[ChosenMarkers]) -> tuple[str, ...]:
     """Return notes on hands that labels name, but that are not among the chosen ones."""
-    from ..calibration.hand_axes import hands_of
+    from ..calibration.hand_axes import names_other_hand
     from ..calibration.hand_labels import hand_labels
 
     notes = []
-    if choice.side is None and chosen[0].side:
-        notes += [f'labels name a {hand.side} hand, too, which is left out (--side {hand.side}, or '
-                  'both)' for hand in hands_of(recording)
-                  if hand.side == OTHER_SIDE[chosen[0].side] and len(hand.columns) >= LEAST_HAND]
+    if choice.side is None and names_other_hand(recording, chosen[0].side):
+        other = OTHER_SIDE[chosen[0].side]
+        notes.append(f'labels name a {other} hand, too, which is left out (--side {other}, or '
+                     'both)')
     subjects: dict[HandLabel, list[str]] = {}
     for label, point in zip(recording.labels, hand_labels(recording.labels,
                                                           recording.is_landmarks)):

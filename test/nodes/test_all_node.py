@@ -247,5 +247,5 @@ def test_a_parameter_of_a_node_that_is_not_there_is_refused(words):
 def test_a_wrong_parameter_of_one_ends_all_with_its_line():
     with together('tracker', 'source', source='nonsense') as process:
         assert process.wait() == 1
-    assert "source: 'nonsense' is not one of" in process.output
+    assert "[source]: source: 'nonsense' is not one of" in process.output
     assert 'Traceback' not in process.output

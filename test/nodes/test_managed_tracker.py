@@ -7,6 +7,7 @@ from helpers.hands import BENT_ANGLES, hand_at
 from helpers.ros_process import NodeProcess, watching_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from std_srvs.srv import Trigger
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.marker_layout import MarkerLayout
@@ -102,3 +103,17 @@ def test_cleaned_up_it_searches_the_hand_among_points_anew():
                                Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
                 assert change(node, transition)
         assert process.interrupt() == 0, process.output
+
+
+def test_cleaned_up_it_calibrates_no_more(tmp_path):
+    with NodeProcess(MODULE, {**LOSSLESS, 'calibration_file': str(tmp_path / 'mine.yaml')}) as (
+            process), watching_node() as node:
+        process.wait_for_line('listening')
+        for _ in range(2):
+            assert node.call(Trigger, 'hand_tracker/calibrate').success
+            assert not node.call(Trigger, 'hand_tracker/calibrate').success
+            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP,
+                               Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+                assert change(node, transition)
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output

@@ -16,8 +16,8 @@ from hand_tracker.__main__ import main
 from hand_tracker.calibration.hand_axes import hands_of, side_likelihood, with_recognised_axes
 from hand_tracker.calibration.hand_labels import hand_labels
 from hand_tracker.calibration.hand_markers import UnknownMarkers, choose_markers
-from hand_tracker.calibration.take_files import load_take
-from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.calibration.take_files import load_take, recorded_take
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.evaluation.captures import load_capture
@@ -824,3 +824,13 @@ def test_other_layouts_are_tracked_by_their_labels_or_their_shape(tmp_path, caps
     assert main([*command, '--no-auto-size', '--labels', 'none', '--side', 'left']) == 0
     found = np.radians(angles(tmp_path / 'angles.csv')[:, 1:])
     assert np.abs(found[-30:] - by_labels[-30:]).max() < np.radians(1.)
+
+
+def test_a_calibration_says_which_of_two_hands_it_fits(tmp_path):
+    write_recording(tmp_path / 'both.c3d', both_hands(60))
+    path = tmp_path / 'both.c3d'
+    note = f'{path}: the right hand is fitted; labels name a left one, too (--side left)'
+    assert note in recorded_take(path).notes
+    for side in SIDES:
+        chosen = recorded_take(path, side)
+        assert chosen.side == side and note not in chosen.notes
