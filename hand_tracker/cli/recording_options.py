@@ -151,8 +151,8 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
                         help='metres per unit of the markers: 0.001 for mm')
     add_zeros_option(parser)
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
-                        help='which point of a file is which marker, as index=LFIN: those that '
-                        'their labels do not tell')
+                        help='which point of a file is which marker, as index=LFIN, or with '
+                        '--side both right_index=RFIN: those that their labels do not tell')
     add_reading_options(parser)
 
 
@@ -227,11 +227,12 @@ def metres_per_unit(options: argparse.Namespace) -> float:
     return float(given.get('unit_scale', 1.) * (UNIT_SPELLINGS[units][0] if units else 1.))
 
 
-def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS) -> dict[str, str]:
+def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS,
+                  side: str | None = None) -> dict[str, str]:
     """Return the label of each marker that a command line's MARKER=LABEL,... texts name."""
     from ..tracking.opened_recording import named_labels
 
-    return named_labels(','.join(texts), names)
+    return named_labels(','.join(texts), names, side)
 
 
 def label_map(texts: Iterable[str], names: Sequence[str] = MARKERS) -> LabelMap:
@@ -282,7 +283,7 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
                                f'{options.hand}; expected the same on both hands')
     choice = MarkerChoice(
         reading_options(options), hand.side if options.hand and options.side != BOTH
-        else options.side, chosen_labels(options.markers, layout.names),
+        else options.side, chosen_labels(options.markers, layout.names, options.side),
         layout if options.hand or options.layout else None,
         False if options.labels == WITHOUT_LABELS else None, finds_side=True)
     if is_marker_bag(options.recording, choice, bool(given.get('label'))):

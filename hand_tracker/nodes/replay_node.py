@@ -194,7 +194,8 @@ class ReplayNode(Node):
         with ExitStack() as stack:
             try:
                 layout = choose_layout(options.layout) if options.layout else None
-                names = named_labels(options.markers, MARKERS if layout is None else layout.names)
+                names = named_labels(options.markers, MARKERS if layout is None else layout.names,
+                                     options.side)
                 choice = MarkerChoice(reading, options.side or None, names, layout, None)
                 # Topics that are named are played as they are.
                 bag = stack.enter_context(

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
+from ..core.model.hand import BOTH, SIDES
 from ..core.model.marker_layout import MARKERS
 from ..files.bag_points import marker_names, point_topics, sampled_labels
 from ..files.bags import Bag, open_bag
@@ -20,7 +21,8 @@ LEAST_NAMED = 4        # markers of a hand, where namespaces are taken for their
 SAMPLED_MESSAGES = 50  # of a recording, in which they are looked for
 
 
-def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
+def named_labels(text: str, names: Sequence[str] = MARKERS,
+                 side: str | None = None) -> dict[str, str]:
     """Return the label of each marker that a text such as 'index=LFIN,thumb=LTHM' names.
 
     Parameters
@@ -29,6 +31,8 @@ def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
         May be empty.
     names : sequence of str, optional
         Of the layout's markers.
+    side : {'right', 'left', 'both'}, optional
+        Of both hands markers have the side before their names: 'left_index'.
 
     Returns
     -------
@@ -40,9 +44,10 @@ def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
         Naming what is no MARKER=LABEL.
     """
     found = {}
+    sided = [f'{one}_{name}' for one in SIDES for name in names] if side == BOTH else ()
     for one in filter(None, (part.strip() for part in text.split(','))):
         marker, given, label = one.partition('=')
-        if not given or marker.strip() not in names:
+        if not given or marker.strip() not in (*names, *sided):
             raise InvalidLabel(f"markers: '{one}'; expected MARKER=LABEL, the marker being one "
                                f'of {", ".join(names)}')
         found[marker.strip()] = label.strip()

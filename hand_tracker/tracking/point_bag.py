@@ -192,12 +192,16 @@ def _chosen_hands(recording: PointRecording, choice: MarkerChoice) -> list[Chose
 
     if choice.side != BOTH:
         return [choose_markers(recording, choice.side, choice.names, choice.layout)]
-    if choice.names:
+    named = {side: {name.removeprefix(f'{side}_'): label for name, label in choice.names.items()
+                    if name.startswith(f'{side}_')} for side in SIDES}
+    if sum(map(len, named.values())) < len(choice.names):
         raise RecordingError(f'{recording.name}: --markers names the points of one hand; expected '
-                             '--side right or left, or --side both where labels name the sides')
+                             '--side right or left, or --side both where labels name the sides, or '
+                             '--markers with right_index=LABEL, left_index=LABEL and so on')
     chosen, layout = [], choice.layout
     for side in SIDES:
-        chosen.append(choose_markers(recording, side, layout=layout))
+        one = choose_markers(recording, side, named[side], layout)
+        chosen.append(one._replace(side=side) if named[side] else one)
         layout = chosen[0].layout
         if chosen[-1].side != side:
             raise RecordingError(f'{recording.name}: labels that name no {side} hand; expected '

@@ -352,6 +352,20 @@ def test_both_hands_of_a_file_of_points_are_tracked(tmp_path, monkeypatch, capsy
         np.testing.assert_array_equal(angles('one.csv')[:, 1:], together[:, first:first + 25])
 
 
+def test_both_hands_may_have_labels_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = both_hands(240)
+    own = [f'{i + 1}' for i in range(len(recording.labels))]
+    write_recording(tmp_path / 'both.c3d', recording)
+    write_recording(tmp_path / 'own.c3d', recording._replace(labels=tuple(own)))
+    markers = ','.join(f'{side}_{marker}={own[8 * number + row]}' for number, side in
+                       enumerate(SIDES) for row, marker in enumerate(MARKERS))
+    for name, words in (('both', ()), ('own', ('--markers', markers))):
+        assert main(['track', f'{name}.c3d', '-o', f'{name}.csv', '--side', 'both',
+                     '--no-auto-size', *words]) == 0
+    np.testing.assert_array_equal(angles('own.csv'), angles('both.csv'))
+
+
 def test_both_hands_of_points_without_labels_are_tracked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     recording = both_hands(480)
