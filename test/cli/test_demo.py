@@ -112,7 +112,7 @@ def test_kernels_are_complete_before_the_node_of_a_robot_starts(
     listener = SimpleNamespace(
         is_anonymous=is_anonymous, hands=[SimpleNamespace(hand=Hand.scaled())])
     options = SimpleNamespace(
-        limits=None, coupling=None, robot='plain', hand='', robot_description='')
+        limits=None, coupling=None, robot='plain', hand='', left_hand=None, robot_description='')
     with pytest.raises(KeyboardInterrupt):
         demo_run._play(None, listener, options, [], SimpleNamespace(is_ready=True))
     assert begun == [kernels, 'retarget']
