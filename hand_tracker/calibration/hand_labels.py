@@ -21,6 +21,8 @@ from .marker_names import (
 # Words that say nothing of the place: of WebXR, MediaPipe, and axes of joints in BVH files.
 EMPTY_WORDS = ('finger', 'phalanx', 'bone', 'joint', 'fe', 'aa', 'b')
 PALM_WORDS = ('hand', 'back', 'palm')
+# In a subject besides the side: 'LH', 'HandR'.
+HAND_WORDS = re.compile(r'hand|[\W_]|(?<=^[rl])h$')
 WORD_OR_CAPITALS_GAP = WORD_GAP + r'|(?<=[A-Z])(?=[A-Z][a-z])'    # behind capitals, too
 NUMBERED_DIGITS = {'first': 'thumb', 'second': 'index', 'third': 'middle', 'fourth': 'ring',
                    'fifth': 'little'}
@@ -91,7 +93,10 @@ def ids_of_both_hands(layout: MarkerLayout) -> HandIds:
     def find(name: str) -> tuple[str, int] | None:
         readings = spellings(name)
         readings += [(label.side, label.name) for label in hand_labels((name,)) if label]
-        return next(((side, known[own]) for side, own in readings if side and own in known), None)
+        subject = name.rpartition(':')[0].rpartition(':')[2]
+        whose = LABEL_SIDES.get(HAND_WORDS.sub('', subject.lower()), '')
+        return next(((side or whose, known[own]) for side, own in readings
+                     if (side or whose) and own in known), None)
 
     return find
 

@@ -108,7 +108,7 @@ def demonstrate(options: argparse.Namespace) -> None:
         raise HandTrackerError('--anonymous: leave out --view and --grasp; a recording of points '
                                'without labels is taken by --labels none')
     hands, recording = _hands(options)
-    for note in recorded_notes(options, hands, recording):
+    for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', flush=True)
     if options.robot and len(hands) > 1 and not options.view:
         raise HandTrackerError('--side both: a robot follows one hand; choose a side')

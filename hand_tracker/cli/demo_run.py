@@ -98,6 +98,9 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
             # The tracker learns from it where the markers are.
             options.hand = str(options.output / 'hand.yaml')
             save_hand(options.hand, hands[0].hand, hands[0].layout)
+            for other in hands[1:]:
+                options.left_hand = str(options.output / 'left_hand.yaml')
+                save_hand(options.left_hand, other.hand, other.layout)
         elif isinstance(recording, PointBag) and hands[0].layout.names != MARKERS:
             # And the replay from this which markers they are.
             options.layout = str(options.output / 'layout.yaml')

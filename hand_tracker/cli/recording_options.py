@@ -316,20 +316,23 @@ def _hand_file(options: argparse.Namespace, side: str | None) -> str | None:
     return str(left if side == 'left' else options.hand)
 
 
-def recorded_notes(options: argparse.Namespace, hands: Sequence[WornHand],
-                   recording: Path | PointBag) -> list[str]:
-    """Return the notes to print on a recording and its hands, see `recorded_hands`."""
+def mirrored_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[str]:
+    """Return the notes to print on hands that are mirror images of those in their files."""
     from ..files.hand_file import mirrored_note
+
+    # Without a side it is the file's own.
+    files = [(_hand_file(options, one.hand.side), one.hand.side) for one in hands if options.side]
+    notes = [mirrored_note(path, side) for path, side in files if path]
+    return [note for note in notes if note is not None]
+
+
+def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
+    """Return the notes to print on a recording, see `recorded_hands`."""
     from ..tracking.opened_recording import open_recording
 
     # One that is cut was refused before, unless that was asked for.
     with open_recording(recording, partial=True) as bag:
-        notes = [*bag.notes]
-    for one in hands:
-        path = _hand_file(options, one.hand.side)
-        if path and (note := mirrored_note(path, one.hand.side)) is not None:
-            notes.append(note)
-    return notes
+        return bag.notes
 
 
 def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
@@ -382,7 +385,7 @@ def require_inputs(options: argparse.Namespace) -> None:
         recordings += [path for path in several if isinstance(path, Path)]
     # Of a robot there are also names of presets, package:// paths and XML.
     robots = [given[name] for name in ('robot', 'robot_description', 'urdf') if given.get(name)]
-    files = [given.get('hand'), *(
+    files = [given.get('hand'), given.get('left_hand'), *(
         text for text in robots if Path(text).suffix.lower() in ROBOT_SUFFIXES
         and not text.startswith(('package://', '<', '~')))]
     for paths, fault in ((recordings, 'no such file or folder'),

@@ -27,7 +27,7 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
-from .recording_options import recorded_hands, recorded_notes, recorded_reading
+from .recording_options import mirrored_notes, recorded_hands, recorded_reading
 
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
@@ -211,7 +211,7 @@ def tracking_job(options: argparse.Namespace, interrupted: Interruptions,
     with open_recording(recording, partial=options.partial) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, hands,
                           options.auto_size and options.hand is None)
-        for note in recorded_notes(options, worn, recording):
+        for note in (*bag.notes, *mirrored_notes(options, worn)):
             job.say(note)
         if options.hand is None and job.needs_hand_file:
             job.say(WITHOUT_HAND_FILE)

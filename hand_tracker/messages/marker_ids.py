@@ -79,6 +79,7 @@ class MarkerIds:
     def __init__(self, warn_once: Callable[[str, str], None],
                  find: HandIds | None = None) -> None:
         self._warn_once, self._find = warn_once, find or layout_ids(MarkerLayout())
+        self._found: list[tuple[str, int] | None] = []  # of each name
         self.rows: dict[str, int] = {}
 
     def add(self, names: Sequence[str]) -> list[int]:
@@ -89,20 +90,21 @@ class MarkerIds:
                 self._warn_once('doubled', f"two markers of a frame are called '{name}'; "
                                            'the first is taken')
             elif name in self.rows or len(self.rows) < MOST_MARKERS:
-                self.rows.setdefault(name, len(self.rows))
+                if name not in self.rows:
+                    self.rows[name] = len(self.rows)
+                    self._found.append(self._find(name))
                 taken.append(place)
             here.add(name)
         return taken
 
     def labels(self) -> list[tuple[str, int]]:
         """Return namespace and id of each name; several that claim one of a hand do not get it."""
-        own = [self._find(name) for name in self.rows]
         labels = []
-        for row, (name, label) in enumerate(zip(self.rows, own)):
-            if label is not None and own.count(label) > 1:
+        for row, (name, label) in enumerate(zip(self.rows, self._found)):
+            if label is not None and self._found.count(label) > 1:
                 self._warn_once('subjects', f"'{name}' and others are called alike: none of them "
                                             'is taken for a marker of the hand; name one subject '
-                                            '(subject) or set labels.*; of both hands, side:=both')
+                                            '(subject) or set labels.*')
                 label = None
             space, number = label or ('', FIRST_FOREIGN_ID + row)
             labels.append((space or name, number))

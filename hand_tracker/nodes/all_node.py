@@ -9,7 +9,6 @@ own, one at most. See docs/ros.md.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from importlib import import_module
 from typing import Any
@@ -24,9 +23,6 @@ NODE_CLASSES = {
     'source': 'SourceNode', 'landmarks': 'LandmarksNode', 'skin': 'SkinNode',
     'retarget': 'RetargetNode', 'mount': 'MountNode', 'viewer': 'ViewerNode'}
 USUAL_NODES = 'tracker', 'replay'
-ROS_NAMES = {**{name: name for name in NODE_CLASSES}, 'tracker': 'hand_tracker'}
-# Of -p NODE:PARAMETER:=VALUE and -r NODE:FROM:=TO.
-NODE_PREFIX = re.compile(r'(\w+):(?!=)[^=]*:=')
 
 
 def serve(*nodes: Any) -> None:
@@ -62,14 +58,7 @@ def main(args: list[str] | None = None) -> int:
     leading = [name for name in names if hasattr(classes[name], 'play')]
     if len(leading) > 1:
         parser.error(f'{" and ".join(leading)}: each has a loop of its own; expected one at most')
-    words = sys.argv if args is None else args
-    for flag, word in zip(words, words[1:]):
-        addressed = NODE_PREFIX.match(word) if flag in ('-p', '--param', '-r', '--remap') else None
-        here = [ROS_NAMES[name] for name in names]
-        if addressed and addressed[1] not in here:
-            parser.error(f"{word}: no node is called '{addressed[1]}'; expected {', '.join(here)}")
-    return run_together({ROS_NAMES[name]: kind for name, kind in classes.items()}, serve, args,
-                        ros_words_alone=False)
+    return run_together(classes, serve, args, ros_words_alone=False)
 
 
 if __name__ == '__main__':

@@ -39,6 +39,7 @@ from .tracker_parameters import AUTO
 POLL = .1  # [s]
 NAMESAKE_PERIOD = 2.  # [s] between the looks for a node of the same name
 NAMESAKE_LOOKS = 3
+NODE_PARAMETER = re.compile(r'(\w+):(?!=).*:=')     # -p NODE:PARAMETER:=VALUE
 SECTION_LIKENESS = .7  # of a section's name from which on it counts as misspelled
 END_TIMEOUT = 30.  # [s] after which a process that hangs while it ends is ended
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
@@ -252,6 +253,7 @@ def run_together(makers: Mapping[str, Callable[[], Node]], work: Callable[..., o
             nodes.append(make_node())
         _handle_interrupts(_interrupt)
         _warn_of_unknown(nodes)
+        _warn_of_absent(nodes, sys.argv if args is None else args)
         for node in nodes:
             _warn_of_namesake(node)
         work(*nodes)
@@ -339,6 +341,17 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
             node.get_logger().warning(
                 f"there {'are no parameters' if others[1:] else 'is no parameter'} "
                 f"{', '.join(others)}: left out")
+
+
+def _warn_of_absent(nodes: Sequence[Node], words: Sequence[str]) -> None:
+    """Log the parameters of a command line that are for a node which is not in this process."""
+    here = [node.get_name() for node in nodes]
+    for flag, word in zip(words, words[1:]):
+        addressed = NODE_PARAMETER.match(word) if flag in ('-p', '--param') else None
+        if addressed and addressed[1] not in here:
+            nodes[0].get_logger().warning(
+                f"{word}: left out, as no node is called '{addressed[1]}' here; expected "
+                f'{", ".join(here)}')
 
 
 def namesake_fault(node: Node) -> str:

@@ -14,7 +14,7 @@ from .tracker_node import TrackerNode
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes until they are interrupted; return the exit code."""
-    return run_together({'hand_tracker': TrackerNode, 'retarget': RetargetNode}, args=args)
+    return run_together({'tracker': TrackerNode, 'retarget': RetargetNode}, args=args)
 
 
 if __name__ == '__main__':

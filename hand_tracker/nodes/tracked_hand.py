@@ -39,6 +39,7 @@ from .hand_services import HandServices
 from .runner import declare, log_line, names_of
 from .serialization import Serialization
 from .tracker_parameters import (
+    AUTO,
     Settings,
     hand_table,
     labels_table,
@@ -97,7 +98,10 @@ class TrackedHand:
                  point_labels: PointLabels | None = None) -> None:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
-        self._hand_file = start['hand_file']
+        # Else it is the file's own side.
+        self._file_note = mirrored_note(
+            Path(start['hand_file']).expanduser(), self.hand.side) if start['hand_file'] and (
+                start['side'] != AUTO) else None
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
         self._marker_names = layout.names
         self._rows = self._table(self.hand)
@@ -143,9 +147,8 @@ class TrackedHand:
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
         self._monitor.check_side(self.hand, self._tracker.layout)
-        if self._hand_file and (note := mirrored_note(
-                Path(self._hand_file).expanduser(), self.hand.side)) is not None:
-            self._monitor.warn_once('mirrored', note)
+        if self._file_note is not None:
+            self._monitor.warn_once('mirrored', self._file_note)
         if self.labels_points:
             self._warn_of_usual_shape()
         self._check_exchange()
@@ -205,8 +208,8 @@ class TrackedHand:
         """Why the labels of the markers are of no use, None where they are, or are not used."""
         return None if self.labels_points else self._monitor.label_fault
 
-    def label_points(self, reason: str) -> None:
-        """Label points by the hand's shape from the next message on."""
+    def label_points(self, reason: str, beside: TrackedHand | None = None) -> None:
+        """Label points by the hand's shape from the next message on, as another hand may, too."""
         self._monitor.warn_once(
             ('labels', self.settings.labels.labels), f'{reason}: points are labelled by the shape '
             "of the hand, as with labels:='none', until other labels.* are set")
@@ -214,7 +217,7 @@ class TrackedHand:
         self._warn_of_usual_shape()
         self._check_exchange()
         self.stream.reader = self._new_reader()
-        self.stream.compile_for_points()
+        self.stream.compile_for_points(None if beside is None else beside.stream)
         self._node.disable_fast_path()
 
     def _check_exchange(self) -> None:

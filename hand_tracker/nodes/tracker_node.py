@@ -259,9 +259,11 @@ class TrackerNode(SubscriptionHidingNode):
                 has_viewers = hand.display.follow_viewers() or has_viewers
             # Points of both hands are labelled together: the labels of one may just be hidden.
             if all(hand.labels_points or hand.label_fault for hand in one.hands):
+                beside = None
                 for hand in one.hands:
                     if (fault := hand.label_fault) is not None:
-                        hand.label_points(fault)
+                        hand.label_points(fault, beside)
+                        beside = hand
             if one.replies.follow_listeners():
                 one.disable_fast_path()
             one.drain_at(one.hands[0].settings.display_rate if has_viewers else None)

@@ -21,7 +21,7 @@ from .follow_kernel import (
     observe_solution,
     write_joints,
 )
-from .guard_kernel import GUARD_CAPACITY, lose_hand
+from .guard_kernel import GUARD_CAPACITY, lose_hand, refuse_robot
 from .guard_options import GuardOptions
 from .human_hand import are_joint_angles
 from .retargeter import Retargeter
@@ -309,5 +309,6 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     follow_frame(memory, human, problem, solution, guard, UNSTAMPED, 0.)
     one.observe_deviations(JOINTS, angles, angles)
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
+    refuse_robot(one.guard.pack)
     lose_hand(one.guard.pack)
     one.command(0.)

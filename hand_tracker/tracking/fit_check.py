@@ -54,7 +54,7 @@ class FitCheck:
         is_tracked : bool
             Whether the palm is tracked; else the frame says nothing of the fit.
         is_of_side : bool
-            Whether the hand is of this side; else its mean says nothing.
+            Whether the hand is of this side; frames of the other do not count in the mean.
         """
         is_seen = not math.isnan(residual)
         self.residual = residual if is_seen else 0.
@@ -72,7 +72,7 @@ class FitCheck:
         self._last = now
 
     def judge(self) -> float | None:
-        """Judge the mean once enough was tracked; return it where it is a new one of a hand [m]."""
+        """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""
         miss = self._mean(REFIT_AFTER if self.is_misfit else FIT_AFTER)
         if miss is None:
             return None

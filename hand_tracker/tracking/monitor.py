@@ -214,7 +214,7 @@ class Monitor:
             return frame._replace(is_valid=False) if self._input.is_wrong else frame
         self._flush()
         self._input.received(received, frame)
-        self.label_fault = self.label_fault or self._label_changes.add(frame, received)
+        self.label_fault = self._label_changes.add(frame, received)
         return None
 
     def add(self, frame: TrackedFrame, published: float) -> None:
@@ -257,8 +257,7 @@ class Monitor:
             self._input.received_alike(frames.received[-1], frames.stamp)
         else:
             self._input.received(frames.received[-1], frames.markers)
-            self.label_fault = self.label_fault or self._label_changes.add(
-                frames.markers, frames.received[-1])
+            self.label_fault = self._label_changes.add(frames.markers, frames.received[-1])
         if frames.restarted:
             self._input.restarted()
             self._begin_exchange_check()

@@ -200,16 +200,23 @@ class Stream:
         if isinstance(self.reader, PointLabelReader):
             self.compile_for_points()
 
-    def compile_for_points(self) -> None:
-        """Compile the kernels that label points, where they are missing: the reader needs them."""
+    def compile_for_points(self, beside: Stream | None = None) -> None:
+        """Compile the kernels that label points, where they are missing: the reader needs them.
+
+        Parameters
+        ----------
+        beside : Stream, optional
+            Another one of this process that does so already.
+        """
         if not LABELLING_IS_DEFERRED or self._awaits_labelling:
             return
         if self._labelling is None:
-            self._labelling = Compilation({LABELLING_SET: load_labelling_kernels})
+            self._labelling = (Compilation({LABELLING_SET: load_labelling_kernels})
+                               if beside is None else beside._labelling)
         elif LABELLING_SET in self._labelling.loaded:
             return
         self._awaits_labelling = True
-        if not DEFERRED:    # else that was said
+        if not DEFERRED and beside is None:    # else that was said
             self._log_lines.append((False, 'the kernels that label points are compiled in the '
                                     f'background for {COMPILE_TIME}; until then plain Python '
                                     'labels them, and most frames are left out'))

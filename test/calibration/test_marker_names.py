@@ -2,6 +2,7 @@
 
 import pytest
 
+from hand_tracker.calibration.hand_labels import ids_of_both_hands
 from hand_tracker.calibration.marker_names import (
     ON_PALM,
     NamedMarker,
@@ -10,6 +11,7 @@ from hand_tracker.calibration.marker_names import (
     is_knuckle,
     riding,
 )
+from hand_tracker.core.model.marker_layout import MarkerLayout
 
 
 @pytest.mark.parametrize(('text', 'name'), (
@@ -35,3 +37,12 @@ def test_a_knuckle_that_is_not_rigid_rides_on_its_digit():
     assert moved == NamedMarker('middle_mcp', 1, 0) and is_knuckle(moved)
     back = NamedMarker('back_hand_1', -1, ON_PALM)
     assert riding(back) == back and not is_knuckle(back)
+
+
+@pytest.mark.parametrize('name, expected', [
+    ('RHand:index', ('right', 3)), ('Bob:LHand:index_mcp', ('left', 1)), ('R_index', ('right', 3)),
+    ('Anna:left_thumb', ('left', 7)), ('Right:index', ('right', 3)), ('L:wrist', ('left', 0)),
+    ('LH:index', ('left', 3)), ('HandR:index', ('right', 3)), ('Bob:RIndexDip', ('right', 3)),
+    ('index', None), ('Harald:index', None), ('RHand:elbow', None), ('Chair:left_leg', None)])
+def test_markers_of_both_hands_have_the_ids_of_their_side(name, expected):
+    assert ids_of_both_hands(MarkerLayout())(name) == expected

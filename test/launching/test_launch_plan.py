@@ -55,6 +55,8 @@ def test_a_source_knows_the_markers_that_are_worn():
     assert plan.own_source_parameters == {
         'source': 'mocap4r2', 'subject': 'RHand', 'side': 'left', 'layout': 'kyutech23',
         'hand_file': ''}
+    # Names tell the side of the markers of both.
+    assert plan_of(source='natnet', side='both').own_source_parameters['side'] == 'both'
 
 
 def test_a_source_is_told_its_upward_axis_and_its_latency():

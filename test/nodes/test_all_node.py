@@ -233,15 +233,17 @@ def test_what_cannot_run_together_is_refused(names, line):
     assert line in process.output and 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('words', [
-    ('-p', 'tracker:side:=both'), ('-p', 'hand_traker:side:=left'), ('-r', 'viewer:a:=b')])
-def test_a_parameter_of_a_node_that_is_not_there_is_refused(words):
-    with Process([sys.executable, '-m', 'hand_tracker.nodes.all_node', 'tracker', 'replay',
-                  '--ros-args', '-r', 'markers:=mine', '-p', 'hand_tracker:side:=left', *words],
-                 None) as process:
-        assert process.wait() == 2
-    name = words[1].partition(':')[0]
-    assert f"no node is called '{name}'; expected hand_tracker, replay" in process.output
+def test_a_parameter_for_a_node_that_is_not_there_is_said():
+    words = ('-r', 'markers:=mine', '-r', 'hand_tracker:__node:=mine', '-p', 'mine:side:=left',
+             '-p', 'hand_skin:rate:=20.0', '-p', 'tracker:side:=both', '-p', 'skim:rate:=1.0')
+    with Process([sys.executable, '-m', 'hand_tracker.nodes.all_node', 'tracker', 'skin',
+                  '--ros-args', *words], PLAIN_PYTHON) as process:
+        process.wait_for_line('left hand: listening for markers on /mine')
+        for name in ('tracker:side:=both', 'skim:rate:=1.0'):
+            process.wait_for_line(f"{name}: left out, as no node is called '{name.split(':')[0]}' "
+                                  'here; expected mine, hand_skin')
+        assert process.interrupt() == 0, process.output
+    assert process.output.count('left out, as no node') == 2
 
 
 def test_a_wrong_parameter_of_one_ends_all_with_its_line():

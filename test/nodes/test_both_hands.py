@@ -1,5 +1,6 @@
 """The tracker node of both hands over DDS: each as it would be tracked alone."""
 
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -21,6 +22,7 @@ from hand_tracker.core.model.hand import DIGITS, JOINTS, SIDES
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.stamps import seconds
+from hand_tracker.tracking.marker_events import UNLABELLED_AFTER
 
 NEEDS = 'rclpy',
 
@@ -256,11 +258,26 @@ def test_labels_of_no_use_are_left_for_the_shape_of_both_hands():
     assert bench.process.output.count("as with labels:='none'") == len(SIDES)
 
 
-def test_labels_of_one_hand_stay_while_the_other_is_not_there():
-    with tracking_both() as bench:
-        bench.node.create_publisher(MarkerArray, 'markers', 10)
+class CrowdedBench(BothBench):
+    """A bench with as many markers of something else in each message as both hands have."""
+
+    def send(self, positions, **fields):
+        """Send a frame of both hands and the others in one message."""
+        self.number += 1
+        array = MarkerArray()
+        for of_hand, ns in zip((*positions, hand_at(), hand_at()), (*SIDES, 'chair', 'table')):
+            if of_hand is not None:
+                array.markers += message(of_hand, self.number, ns=ns).markers
+        self.publisher.publish(array)
+
+
+def test_labels_stay_while_those_of_one_hand_come():
+    with tracking_both({'fast_path': False}, CrowdedBench) as bench:
         answers = bench.node.collect(JointState, 'joint_states')
-        start = bench.number
-        bench.node.repeat(lambda: bench.send((None, REST_HANDS[1])),
-                          lambda: answers and bench.number > start + 200, .01)
+        bench.node.repeat(lambda: bench.send(REST_HANDS), lambda: answers, .02)
+        for hidden in (None, REST_HANDS[1]), REST_HANDS, (REST_HANDS[0], None), REST_HANDS:
+            until = time.monotonic() + 1.5 * UNLABELLED_AFTER
+            bench.node.repeat(lambda hidden=hidden: bench.send(hidden),
+                              lambda until=until: time.monotonic() > until, .02)
+        assert list(answers[-1].name) == names(*SIDES)
     assert "labels:='none'" not in bench.process.output

@@ -1,5 +1,7 @@
 """Another hand for a running tracker: `~/load_hand` and `~/calibrate`, between two frames."""
 
+import time
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -168,7 +170,7 @@ def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
         bench.node.repeat(lambda: found.append(bench.angles(frame)),
                           lambda: 'is tracked from the next frame on' in bench.process.output, .01)
         found += [bench.angles(frame) for _ in range(120)]
-        bench.node.spin_until(lambda: progress()[0].startswith(f'{output}: hand of '))
+        bench.node.spin_until(lambda: progress()[0].startswith(f'{output}: right hand of '))
         assert not progress()[1]
         assert np.abs(np.diff(found, axis=0)).max() < REENTRY + 1e-3
         # The fitted hand is tracked: nearer than the mean one was.
@@ -177,3 +179,20 @@ def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
     hand, _ = load_hand(output)
     np.testing.assert_allclose(hand.finger_bones[:, :2].sum(axis=1),
                                HAND.finger_bones[:, :2].sum(axis=1), rtol=.12)
+
+
+def test_a_hand_file_of_the_other_side_is_said(tmp_path):
+    path = tmp_path / 'right.yaml'
+    save_hand(path, HAND, LAYOUT)
+    note = f'{path} is of a right hand: its mirror image is taken for the left one'
+    for parameters, count in (({'side': 'left', 'hand_file': str(path)}, 1),
+                              ({'side': 'both', 'hand_file': str(path)}, 1),
+                              ({'hand_file': str(path)}, 0)):
+        with tracking(parameters) as bench:
+            scope = 'left/' if parameters.get('side') == 'both' else ''
+            loaded = call(bench, f'{scope}load_hand')
+            assert loaded.success and (note in loaded.message) == bool(count)
+            bench.process.wait_for_line('is tracked from the next frame on')
+            time.sleep(.3)  # what is said of the input is logged a few times a second
+        # With what `load_hand` logs.
+        assert bench.process.output.count(note) == 2 * count
