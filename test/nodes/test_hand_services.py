@@ -186,7 +186,7 @@ def test_a_hand_file_of_the_other_side_is_said(tmp_path):
     save_hand(path, HAND, LAYOUT)
     note = f'{path} is of a right hand: its mirror image is taken for the left one'
     for parameters, count in (({'side': 'left', 'hand_file': str(path)}, 1),
-                              ({'side': 'both', 'hand_file': str(path)}, 1),
+                              ({'side': 'both', 'left.hand_file': str(path)}, 1),
                               ({'hand_file': str(path)}, 0)):
         with tracking(parameters) as bench:
             scope = 'left/' if parameters.get('side') == 'both' else ''
