@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -257,13 +257,7 @@ class TrackerNode(SubscriptionHidingNode):
                 if new_hand is not None:
                     one.replies.show_tips(number, new_hand)
                 has_viewers = hand.display.follow_viewers() or has_viewers
-            # Points of both hands are labelled together: the labels of one may just be hidden.
-            if all(hand.labels_points or hand.label_fault for hand in one.hands):
-                beside = None
-                for hand in one.hands:
-                    if (fault := hand.label_fault) is not None:
-                        hand.label_points(fault, beside)
-                        beside = hand
+            _leave_useless_labels(one.hands)
             if one.replies.follow_listeners():
                 one.disable_fast_path()
             one.drain_at(one.hands[0].settings.display_rate if has_viewers else None)
@@ -294,6 +288,19 @@ class TrackerNode(SubscriptionHidingNode):
             if bytes(endpoint.endpoint_gid[:len(guid)]) == guid:
                 return full_name(endpoint)
         return None
+
+
+def _leave_useless_labels(hands: Sequence[TrackedHand]) -> None:
+    """Label the points of one topic by shape where the labels of none of its hands are of use.
+
+    Points of both hands are labelled together: the markers of one may just be hidden.
+    """
+    if all(hand.labels_points or hand.label_fault for hand in hands):
+        beside = None
+        for hand in hands:
+            if (fault := hand.label_fault) is not None:
+                hand.label_points(fault, beside)
+                beside = hand
 
 
 def main(args: list[str] | None = None) -> int:
