@@ -50,7 +50,7 @@ def test_a_hand_that_shows_everything_is_fitted(tmp_path):
         node.destroy_publisher(sent)
         assert process.wait() == 0, process.output
     hand, fitted = load_hand(output)
-    assert f'{output}: hand of ' in process.output
+    assert f'{output}: right hand of ' in process.output
     assert 'not shown' not in process.output and 'Traceback' not in process.output
     assert 'distance from its place on the fitted hand' in process.output
     assert output.with_suffix('.png').exists()

@@ -65,7 +65,7 @@ class Leading(Node):
     def play(self):
         {loop}
 
-raise SystemExit(runner.run_together([Leading, Faulty], all_node.serve))
+raise SystemExit(runner.run_together(dict(leading=Leading, faulty=Faulty), all_node.serve))
 '''
 
 
