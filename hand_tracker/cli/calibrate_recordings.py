@@ -57,14 +57,14 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
         apart.
     """
     worn = MARKERS if layout is None else layout.names
-    labels = label_map([*options.label, *equated(options.markers, worn)], worn)
+    labels = label_map([*options.label, *equated(options.markers, worn)], worn, options.side)
     reader = MarkerReader(
         labels, options.frame, metres_per_unit(options), not options.keep_zeros)
     if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
         fault = (f'unknown extension {path.suffix!r}' if path.exists()
                  else 'no such file or folder')
         raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')
-    frames, times, clock = [], [], FrameTime()
+    frames, times, clock, has_other_hand = [], [], FrameTime(), False
     doubled: list[int] = []     # a label's slot for each such frame
     with open_bag(path, options.partial) as bag:
         for note in bag.notes:
@@ -72,6 +72,7 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
         for message in bag.messages([marker_topic(bag, options.topic)]):
             frame = reader.read(message.data)
             doubled += frame.doubled[:1]
+            has_other_hand |= labels.not_of in {space for space, _ in frame.unknown}
             time = None if frame.stamp is None else clock.of(frame.stamp, 1e-9 * message.time)
             if time is not None:
                 frames.append(frame.positions.copy())
@@ -80,9 +81,13 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
         fault = (f'{path}: in {len(doubled)} of {len(frames)} frames '
                  f'{labels.doubled(doubled[0])}')
         if len(doubled) > DOUBLED_SHARE * len(frames):
-            raise InvalidTake(f'{fault}, as those of two hands do; expected one marker (--label '
+            raise InvalidTake(f'{fault}, as those of two hands do; expected one hand, in namespace '
+                              'right or left (--side), or one marker (--label '
                               f'{worn[doubled[0]]}=NAMESPACE/ID, and so on)')
         print(f'{fault}; the last one counts', file=sys.stderr)
+    if labels.not_of and has_other_hand:
+        print(f"{path}: markers of namespace '{labels.not_of}' are left out, as the "
+              f"{labels.not_of} hand's (--side {labels.not_of})", file=sys.stderr)
     if len(frames) < 2:
         raise InvalidTake(f'{path}: {len(frames)} messages with markers of the hand; '
                           'expected a take of some 40 s')

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
+from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, OTHER_SIDE, SIDES, Hand
 from ..core.model.layout_presets import LAYOUT_PRESETS
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
@@ -235,9 +235,14 @@ def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS,
     return named_labels(','.join(texts), names, side)
 
 
-def label_map(texts: Iterable[str], names: Sequence[str] = MARKERS) -> LabelMap:
-    """Return the labels of a command line's MARKER=LABEL texts; ids from 0 where none is given."""
-    return LabelMap(_label_texts(texts, names), names)
+def label_map(texts: Iterable[str], names: Sequence[str] = MARKERS,
+              side: str | None = None) -> LabelMap:
+    """Return the labels of a command line's MARKER=LABEL texts; ids from 0 where none is given.
+
+    Markers in the namespace of the other side than a given one count only by such a text.
+    """
+    return LabelMap(_label_texts(texts, names), names, not_of='' if side is None else
+                    OTHER_SIDE[side])
 
 
 def _label_texts(texts: Iterable[str], names: Sequence[str] = MARKERS) -> list[str]:
@@ -288,10 +293,10 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
         False if options.labels == WITHOUT_LABELS else None, finds_side=True)
     if is_marker_bag(options.recording, choice, bool(given.get('label'))):
         refuse_file_options(options, options.recording)
-        texts = _label_texts([*given.get('label', ()), *equated(options.markers, layout.names)],
-                             layout.names)
-        labels = [LabelMap(texts, layout.names)] if len(sides) == 1 else label_maps(
-            texts, {side: given.get(f'{side}_markers', f'{side}/0') for side in SIDES},
+        texts = [*given.get('label', ()), *equated(options.markers, layout.names)]
+        labels = [label_map(texts, layout.names, hand.side)] if len(sides) == 1 else label_maps(
+            _label_texts(texts, layout.names),
+            {side: given.get(f'{side}_markers', f'{side}/0') for side in SIDES},
             layout.names).values()
         return [WornHand(*one, own) for one, own in zip(chosen, labels)], options.recording
     points = PointBag(options.recording, choice)

@@ -38,6 +38,9 @@ class LabelMap:
         Of the markers of a layout; `MARKERS` when left out.
     others : sequence of LabelMap, optional
         Of other hands in the same messages; the most precise label of all hands wins.
+    not_of : str, optional
+        Namespace of which only markers count that a label gives with it: that of the other side,
+        where one hand of two is tracked.
 
     Raises
     ------
@@ -46,8 +49,9 @@ class LabelMap:
     """
 
     def __init__(self, labels: Sequence[str | int] = DEFAULT_LABELS,
-                 names: Sequence[str] = MARKERS, others: Sequence[LabelMap] = ()) -> None:
-        self.names = tuple(names)
+                 names: Sequence[str] = MARKERS, others: Sequence[LabelMap] = (),
+                 not_of: str = '') -> None:
+        self.names, self.not_of = tuple(names), not_of
         if len(labels) != len(self.names):
             raise InvalidLabel(
                 f'labels: {len(labels)} given; expected one for each of {self.names}')
@@ -120,7 +124,7 @@ class LabelMap:
         if slot is not None:
             return 0, slot
         slot = self._any_namespace.get(number)
-        if slot is not None:
+        if slot is not None and not (namespace and namespace == self.not_of):
             return 1, slot
         return 2, self._any_id.get(namespace)
 

@@ -27,6 +27,7 @@ from ..core.model.hand import (
     LIMIT_PRESETS,
     MEAN_BREADTH,
     MEAN_LENGTH,
+    OTHER_SIDE,
     RESTING_JOINTS,
     SIDES,
     SLOPE_RANGE,
@@ -442,7 +443,8 @@ def live_settings(hand: Hand, values: Mapping[str, Any], names: Sequence[str] = 
     return Settings(
         hand.replace(limits=np.radians(limits), coupling=coupling),
         options_of(TrackerOptions, values),
-        LabelMap(_label_values(values, names), names) if labels is None else labels,
+        LabelMap(_label_values(values, names), names, not_of=OTHER_SIDE[hand.side])
+        if labels is None else labels,
         values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
         values['display_rate'])
 

@@ -126,6 +126,8 @@ class InputMonitor:
         for name in frame.foreign:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                            f"frame '{frame.frame_id}' are tracked ({self.names.frame})")
+        if self.labels.not_of and (other := self._other_hand(frame)):
+            self.warn_once('other hand', other)
         new = [slot for slot in frame.doubled if self._once.allows(('doubled', slot))]
         if new:
             self._pending.append(self._doubled_text(new))
@@ -411,10 +413,21 @@ class InputMonitor:
         if self._has_no_labels:
             return f'there are {self._frame.points_seen} points without labels'
         if self._frame.unknown:
-            return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
+            return '; '.join(filter(None, (
+                'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown),
+                self._other_hand(self._frame))))
         if self._frame.doubled:
             return '; '.join(map(self.labels.doubled, self._frame.doubled))
         return 'there is no other point-like marker'
+
+    def _other_hand(self, frame: MarkerFrame) -> str:
+        """Describe markers that are left out as they are in the other side's namespace, if any."""
+        side = self.labels.not_of
+        if not side or all(label[0] != side for label in frame.unknown):
+            return ''
+        return (f"markers of namespace '{side}' are left out, as the {side} hand's: "
+                f'{self.names.side.format(side)}, {self.names.side.format(BOTH)}, or '
+                f'{self.names.labels} with the namespace')
 
     def _palm_slots(self) -> np.ndarray:
         """Return the palm's markers; of another layout than the paper's eight, all."""

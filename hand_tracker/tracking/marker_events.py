@@ -99,10 +99,12 @@ class LabelChanges:
     ----------
     count : int
         Markers of the hand.
+    not_of : str, optional
+        Namespace of another hand's, as of `LabelMap`: such labels are of use.
     """
 
-    def __init__(self, count: int) -> None:
-        self._count = count
+    def __init__(self, count: int, not_of: str = '') -> None:
+        self._count, self._not_of = count, not_of
         self._last = np.full((count, 3), np.nan)
         self._missing_since: float | None = None
         self._changes: deque[float] = deque(maxlen=CHANGED_LABELS)
@@ -122,7 +124,8 @@ class LabelChanges:
         # Reported are at most some labels of others; frames of fewer points say nothing.
         if seen.any():
             self._missing_since = None
-        elif len(frame.unknown) >= min(self._count, len(MARKERS)):
+        elif (sum(not self._not_of or label[0] != self._not_of for label in frame.unknown)
+              >= min(self._count, len(MARKERS))):
             if self._missing_since is None:
                 self._missing_since = received
             elif received - self._missing_since >= UNLABELLED_AFTER:

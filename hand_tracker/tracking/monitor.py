@@ -164,7 +164,7 @@ class Monitor:
         self.label_fault: str | None = None
         self._input = InputMonitor(now, topic, labels, names)
         self._diagnostics = Diagnostics(now, self._input)
-        self._label_changes = LabelChanges(len(labels.names))
+        self._label_changes = LabelChanges(len(labels.names), labels.not_of)
         self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
         self._exchange_check: ExchangeCheck | None = None
@@ -182,7 +182,8 @@ class Monitor:
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
         if labels.labels != self._input.labels.labels:
-            self.label_fault, self._label_changes = None, LabelChanges(len(labels.names))
+            self.label_fault = None
+            self._label_changes = LabelChanges(len(labels.names), labels.not_of)
             self._begin_exchange_check()
         self._input.labels = labels
 

@@ -2,7 +2,13 @@
 
 import pytest
 
-from hand_tracker.messages.labels import DEFAULT_LABELS, InvalidLabel, label_maps, labels_of_hand
+from hand_tracker.messages.labels import (
+    DEFAULT_LABELS,
+    InvalidLabel,
+    LabelMap,
+    label_maps,
+    labels_of_hand,
+)
 
 
 @pytest.mark.parametrize(('labels', 'markers', 'expected'), [
@@ -41,3 +47,14 @@ def test_a_label_of_both_hands_is_refused():
 def test_a_place_that_is_refused_is_named_by_its_hand():
     with pytest.raises(InvalidLabel, match="left.markers: 'x'; expected"):
         label_maps(DEFAULT_LABELS, {'right': '0', 'left': 'x'})
+
+
+def test_markers_in_the_other_sides_namespace_count_only_by_a_label_that_gives_it():
+    right = LabelMap(not_of='left')
+    assert [right.slot(space, 3) for space in ('', 'hand', 'right', 'left')] == [3, 3, 3, None]
+    assert not right.is_of_other_hand('left', 3)
+    named = LabelMap(['left/5', *'1234567'], not_of='left')
+    assert (named.slot('left', 5), named.slot('left', 3)) == (0, None)
+    assert LabelMap(['left/*', *'1234567'], not_of='left').slot('left', 3) == 0
+    # Markers without a namespace are nobody else's.
+    assert LabelMap().slot('', 3) == 3

@@ -372,6 +372,21 @@ def test_says_each_cause_once():
     assert sum("label '3' of index" in line for line in lines) == 1
 
 
+def test_markers_of_the_other_hand_that_are_left_out_are_told_of_once():
+    hand = Input(LabelMap(not_of='left'))
+    others = tuple(('left', number) for number in range(8))
+    for now in (0., .1):
+        hand.feed(now, unknown=others)
+    left_out, tracking = hand.said(.1)
+    assert left_out.startswith("markers of namespace 'left' are left out, as the left hand's: "
+                               'side:=left, side:=both, or ')
+    assert tracking == 'tracking'
+    alone = Input(LabelMap(not_of='left'))
+    alone.watch.received(0., frame(np.full((8, 3), np.nan), stamp=None, unknown=others))
+    alone.watch.tracked(0., state_of(PalmState.WAITING))
+    assert "'left/7'; markers of namespace 'left' are left out" in alone.watch.why_never()
+
+
 def test_says_in_a_line_that_markers_of_two_hands_have_each_label():
     hand = Input()
     for now in (0., .1):

@@ -69,6 +69,14 @@ def test_points_without_any_label_are_told_from_a_hand_that_is_hidden():
     assert found[-1] == 'no marker has a label of labels.*'
 
 
+def test_labels_of_the_other_hand_alone_are_of_use():
+    nothing = np.full((8, 3), np.nan)
+    left = [('left', number) for number in range(8)]
+    changes = LabelChanges(8, not_of='left')
+    assert [changes.add(frame(nothing, left), PERIOD * n) for n in range(300)] == [None] * 300
+    assert reasons([frame(nothing, left)] * 300)[-1] == 'no marker has a label of labels.*'
+
+
 def test_frames_of_fewer_points_keep_nobody_from_seeing_that_no_label_is_of_use():
     nothing = np.full((8, 3), np.nan)
     others = [('', number) for number in range(20, 28)]

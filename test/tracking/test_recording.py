@@ -211,6 +211,11 @@ def test_each_of_both_hands_may_have_a_hand_file(tmp_path, capsys):
             word for row, marker in enumerate(MARKERS)
             for word in ('--label', f'{marker}={side}/{row}')))
         assert np.array_equal(both[:, 25 * number:][:, :25], alone)
+        capsys.readouterr()
+        assert np.array_equal(alone, angles('one.csv', '--hand', files[side]))
+        other = SIDES[1 - number]
+        assert f"markers of namespace '{other}' are left out, as the {other} hand's" in (
+            capsys.readouterr().err)
     assert not np.array_equal(both[:, 25:], angles(
         'mirrored.csv', '--side', 'both', '--hand', files['right'])[:, 25:])
     assert 'right.yaml is of a right hand: its mirror image is taken for the left one' in (
