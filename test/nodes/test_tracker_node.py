@@ -622,6 +622,21 @@ def test_measured_flexion_of_a_last_joint_replaces_its_coupling_while_it_is_fres
         assert len(lines(bench.process, 'left out is')) == 1
 
 
+def test_one_hand_is_tracked_beside_the_other_ones_markers(solved):
+    with tracking() as bench:
+        bench.meet(hand_at(), ns='right')
+        both = message(hand_at(), 1, ns='right')
+        # Behind the right hand's, whose labels they would take over.
+        both.markers += message(hand_at(offset=(.3, 0., 1.2)), 1, ns='left').markers
+        del bench.joint_states[:]
+        bench.node.repeat(
+            lambda: bench.publisher.publish(both), lambda: len(bench.joint_states) > 3, .05)
+        for heard in bench.joint_states:
+            assert np.allclose(heard.position, solved, rtol=0, atol=1e-6)
+        line, = lines(bench.process, "markers of namespace 'left' are left out")
+        assert 'side:=both' in line and not lines(bench.process, 'several markers')
+
+
 def test_says_once_when_no_label_matches():
     with tracking({'labels.wrist': 'hand/0'}) as bench:
         bench.process.wait_for_line('listening')
