@@ -7,6 +7,7 @@ parameter gives. All keys are optional; what is not given is found by geometry. 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import isfinite
@@ -112,7 +113,19 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         file = resolve_path(given, Path() if urdf else path.parent)
         tree, place = load_urdf_tree(file), str(file.resolve())
     loaded = _assemble(settings, tree, side, str(path), order)
-    return loaded._replace(notes=(*notes, *loaded.notes), urdf=place)
+    return loaded._replace(notes=(*notes, *_other_preset(robot, tree.name), *loaded.notes),
+                           urdf=place)
+
+
+def _other_preset(robot: str, named: str) -> tuple[str, ...]:
+    """Return a note where a URDF names itself as the robot of another preset than the chosen."""
+    presets = preset_names()
+    words = set(re.split(r'[\W_]+', named.lower()))
+    alike = [preset for preset in presets if words & set(preset.split('_'))]
+    if robot not in presets or robot in alike or not alike:
+        return ()
+    return (f"the URDF calls its robot '{named}': is the preset {' or '.join(alike)} meant in "
+            f'place of {robot}?',)
 
 
 def _read_settings(path: Path) -> dict[str, Any]:

@@ -249,6 +249,18 @@ def test_a_joint_that_moves_no_digit_follows_no_angle(hand_urdf, tmp_path):
         load_robot(robot_file(tmp_path, {'follow': {'lift': 'index_pip_flexion'}}))
 
 
+@pytest.mark.parametrize(('robot', 'named', 'meant'), [
+    ('plain', 'leap_right', 'leap'), ('plain', 'Robotiq-2F-85', 'robotiq_2f'),
+    ('allegro', 'plain_hand_left', 'plain'), ('plain', 'plain_leap', None),
+    ('plain', 'mine', None)])
+def test_a_urdf_that_names_another_presets_robot_is_doubted(robot, named, meant, tmp_path):
+    text = (share_directory() / 'config' / 'robots' / 'plain_hand_right.urdf').read_text()
+    xml = re.sub('<robot name="[^"]*"', f'<robot name="{named}"', text)
+    notes = [note for note in load_robot(robot, xml).notes if 'is the preset' in note]
+    assert notes == ([] if meant is None else [
+        f"the URDF calls its robot '{named}': is the preset {meant} meant in place of {robot}?"])
+
+
 def test_an_unknown_robot_is_told_the_presets(tmp_path):
     with pytest.raises(InvalidRobot, match="'hal' is no file and no preset; presets are ability"):
         load_robot('hal')
