@@ -1,4 +1,4 @@
-"""Services of the tracker that give it another hand: `~/calibrate` and `~/load_hand`."""
+"""Services of the tracker for another hand: `~/calibrate`, `~/load_hand` and `~/reset`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class HandServices:
-    """Serve `~/calibrate` and `~/load_hand`; with both hands, `~/right/calibrate` and so on.
+    """Serve `~/calibrate`, `~/load_hand`, `~/reset`; of both hands `~/right/calibrate` and so on.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ class HandServices:
         self._output = Path(start['calibration_file']).expanduser().absolute()
         node.create_service(Trigger, f'~/{topics}calibrate', self._on_calibrate)
         node.create_service(Trigger, f'~/{topics}load_hand', self._on_load_hand)
+        node.create_service(Trigger, f'~/{topics}reset', self._on_reset)
 
     def _on_calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         limits = self._start['limits.preset']
@@ -69,6 +70,15 @@ class HandServices:
             response.success = True
         except HandTrackerError as error:
             response.message = str(error)
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        was_calibrating = self._calibration.is_running
+        self._hand.reset()
+        response.success = True
+        response.message = f'the {self._side} hand is tracked as if no frame had come yet' + (
+            '; the calibration is cancelled' if was_calibrating else '')
+        self._node.get_logger().info(response.message)
         return response
 
     def _load(self, path: str) -> str:

@@ -317,11 +317,11 @@ class TrackedHand:
         has_other_unit = former.unit_scale != self.settings.unit_scale
         if has_other_unit:
             self._forget_frames()
-        self.stream.reader = self._new_reader()
-        self._monitor.set_labels(self.settings.labels)
         if has_other_labels or has_other_unit:
             # The former frames were read as those of another hand.
             self.stream.learn_size_anew()
+        self.stream.reader = self._new_reader()
+        self._monitor.set_labels(self.settings.labels)
         if has_other_labels or has_other_unit or layout is not None:
             self._monitor.forget_fit()
 
@@ -350,10 +350,13 @@ class TrackedHand:
         self._node.disable_fast_path()
 
     def reset(self) -> None:
-        """Track as if no frame had come yet, without a calibration; only while none is tracked."""
-        self.services.stop()
+        """Track as if no frame had come yet, without a calibration."""
+        self.services.stop()    # which also ends the fast path, whose frames are noted before
         self._forget_frames()
+        self.labels_points = self._starts_without_labels
+        self.stream.learn_size_anew()
         self.stream.reader = self._new_reader()
+        self.listen_to(self._topic)
 
     def _forget_frames(self) -> None:
         self._tracker.reset()

@@ -43,6 +43,7 @@ class AutoSize:
 
     Attributes
     ----------
+    hand
     is_learning : bool
         Whether another estimate is to come.
     is_confirmed : bool
@@ -55,7 +56,7 @@ class AutoSize:
     def __init__(self, hand: Hand, layout: MarkerLayout, in_background: bool = False) -> None:
         self.is_learning = True
         self.is_confirmed = self.is_refused = False
-        self._hand, self._layout, self._in_background = hand, layout, in_background
+        self.hand, self._layout, self._in_background = hand, layout, in_background
         self._palm = list(layout.principal[:len(PALM_MARKERS)])
         self._refusals = 0
         self._is_estimating = False     # until the estimate is taken
@@ -64,7 +65,7 @@ class AutoSize:
 
     def anew(self) -> AutoSize:
         """Return another one that has seen no frame of the hand."""
-        return AutoSize(self._hand, self._layout, self._in_background)
+        return AutoSize(self.hand, self._layout, self._in_background)
 
     def _begin(self) -> None:
         self._kept: list[np.ndarray] = []
@@ -128,9 +129,9 @@ class AutoSize:
     def _fit(self, frames: np.ndarray, clouds: list[tuple[np.ndarray, np.ndarray]]) -> None:
         estimate = _Estimate(None, None)
         try:
-            hand, are_right = fit_size(frames, self._hand, self._layout), None
+            hand, are_right = fit_size(frames, self.hand, self._layout), None
             if hand is not None and clouds:
-                are_right = are_confirmed(clouds, hand_prototype(self._hand, self._layout))
+                are_right = are_confirmed(clouds, hand_prototype(self.hand, self._layout))
             if are_right:
                 hand_prototype(hand, self._layout)  # so that no frame waits for it
             estimate = _Estimate(hand, are_right)

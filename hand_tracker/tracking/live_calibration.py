@@ -54,13 +54,18 @@ class LiveCalibration:
         InvalidTake
             If the layout is no such that can be calibrated.
         """
-        if self.take is not None or self._fit is not None:
+        if self.is_running:
             raise CalibrationRefused(f'a calibration is not done yet: {self._text}')
         require_writable(output)
         self.take = LiveTake(layout, side)
         self._limits, self._output = limits, output
         self._text = ''
         self.update()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a take is collected or fitted."""
+        return self.take is not None or self._fit is not None
 
     def update(self) -> Path | None:
         """Go on, a few times a second.

@@ -286,8 +286,12 @@ class Stream:
 
     def learn_size_anew(self) -> None:
         """Learn the hand's size from the frames to come, where it is learned at all."""
-        if self._auto_size is not None:
-            self._auto_size = self._auto_size.anew()
+        if self._auto_size is None:
+            return
+        self._auto_size = self._auto_size.anew()
+        if self._is_sized:
+            self._take_size(self._auto_size.hand)
+            self._is_sized = False
 
     @property
     def needs_each_frame(self) -> bool:
@@ -329,11 +333,7 @@ class Stream:
         reader = self.reader if isinstance(self.reader, PointLabelReader) else None
         sized = self._auto_size.add(markers, time, None if reader is None else reader.cloud)
         if sized is not None:
-            now = self.tracker.hand
-            if not (np.array_equal(sized.limits, now.limits)
-                    and np.array_equal(sized.coupling, now.coupling)):
-                sized = sized.replace(limits=now.limits, coupling=now.coupling)
-            self._change_hand(sized)
+            sized = self._take_size(sized)
             if reader is not None and self._auto_size.is_confirmed:
                 reader.replace_hand(sized)
             self._is_sized = True
@@ -351,6 +351,15 @@ class Stream:
             self._log_lines.append((False, 'the size of the hand is learned: '
                                     f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                     'knuckles of index and little finger'))
+
+    def _take_size(self, sized: Hand) -> Hand:
+        """Track with the bones of another hand; return it with the present limits and coupling."""
+        now = self.tracker.hand
+        if not (np.array_equal(sized.limits, now.limits)
+                and np.array_equal(sized.coupling, now.coupling)):
+            sized = sized.replace(limits=now.limits, coupling=now.coupling)
+        self._change_hand(sized)
+        return sized
 
     @property
     def is_compiled(self) -> bool:

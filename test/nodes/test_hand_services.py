@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import tracking
-from helpers.hands import hand_at
+from helpers.hands import hand_at, markers_of
 from helpers.ros_process import PLAIN_PYTHON, watching_node
 from helpers.skin_markers import worn_markers
 from rcl_interfaces.srv import GetParameters
@@ -18,6 +18,7 @@ from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.nodes.hand_description import follow_hand
 from hand_tracker.simulation.motions import motion_named
@@ -179,6 +180,35 @@ def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
     hand, _ = load_hand(output)
     np.testing.assert_allclose(hand.finger_bones[:, :2].sum(axis=1),
                                HAND.finger_bones[:, :2].sum(axis=1), rtol=.12)
+
+
+@pytest.mark.skipif(not COMPILED, reason='in plain Python, frames that come too fast are left out')
+def test_a_tracker_that_is_reset_learns_the_size_of_another_person():
+    wearers = Hand.scaled(.205, .095), Hand.scaled(.175, .08)
+    with tracking({'auto_size': True}) as bench:
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+        hands = []
+        follow_hand(bench.node, lambda *hand: hands.append(hand[0]))
+        for number, wearer in enumerate(wearers):
+            angles, *wrist = motion_named('demo', wearer, 7).sample(np.arange(0., 7., 1. / 120.))
+            frames = markers_of(wearer, angles, None, *wrist)
+            if number:
+                assert call(bench, 'calibrate').success
+                assert call(bench, 'reset').message.endswith('; the calibration is cancelled')
+                bench.node.spin_until(lambda: np.allclose(
+                    hands[-1].finger_bones, Hand.scaled().finger_bones, rtol=1e-9))
+                del told[:]
+            else:
+                bench.meet(frames[0])
+            for frame in frames:
+                bench.answer(frame)
+            bench.node.repeat(lambda frame=frame: bench.answer(frame), lambda: told and {
+                value.key: value.value for value in told[-1].status[0].values}[
+                    'hand size'] == 'learned', 0.)
+            bench.node.spin_until(lambda wearer=wearer: np.allclose(
+                hands[-1].finger_bones[:, 0], wearer.finger_bones[:, 0], rtol=.03))
+        assert call(bench, 'reset').message.endswith('as if no frame had come yet')
+        assert call(bench, 'calibrate').success
 
 
 def test_a_hand_file_of_the_other_side_is_said(tmp_path):
