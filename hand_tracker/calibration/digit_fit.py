@@ -5,10 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrow_solver import covariance, fit_angles, solve_shape
-from .digit_chain import ANGLES, place_markers
+from .digit_chain import ANGLES, ROOT_PART, place_markers
 from .frame_choice import spread_frames
 from .marker_residuals import DigitProblem, PosturePrior
+from .palm_template import ELSEWHERE
 
+# Distance of markers from a digit's first joint, in that of the straight digit's farthest one as it
+# is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. Ours.
+REACH, REACH_MARGIN = 1.25, .01
+MOST_STRAYS = .2              # of all frames; with more, labels are wrong. Ours
 CHOSEN_FRAMES = 150
 LEAST_DISTANCE = .002         # [m] of chosen frames, in the space of the digit's markers
 # Frames as good as independent: errors of skin and palm persist as long as a posture. Ours.
@@ -65,13 +70,54 @@ def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
     return starts
 
 
-def chosen_problem(problem: DigitProblem, is_thumb: bool) -> DigitProblem:
-    """Return the problem reduced to the frames of best coverage, weighted."""
+def within_reach(problem: DigitProblem) -> DigitProblem:
+    """Return the problem without markers where the digit cannot be: ghosts, or wrong labels."""
+    shape = problem.prior.mean
+    straight = place_markers(problem.chain, shape, np.zeros((1, len(problem.posture.mean))))[0]
+    farthest = np.linalg.norm(straight - shape[ROOT_PART], axis=1).max()
+    is_beyond = np.linalg.norm(problem.points - shape[ROOT_PART], axis=2) > (
+        REACH * farthest + REACH_MARGIN)
+    return problem._replace(points=np.where(is_beyond[..., None], np.nan, problem.points))
+
+
+def chosen_problem(problem: DigitProblem, is_thumb: bool,
+                   shape: np.ndarray | None = None) -> DigitProblem:
+    """Return the problem reduced to the frames of best coverage, weighted.
+
+    Parameters
+    ----------
+    problem : DigitProblem
+    is_thumb : bool
+    shape : ndarray, shape (p,), optional
+        Of an earlier fit, by which frames with a marker that is elsewhere are left out: they are
+        far from the others, and would be chosen first.
+    """
     frames = spread_frames(problem.points, CHOSEN_FRAMES, LEAST_DISTANCE)
+    if shape is not None:
+        frames = _without_strays(problem, frames, shape, posture_starts(is_thumb, problem.posture))
     independent = (INDEPENDENT_POSTURES if len(problem.noise) > 1
                    else ONE_MARKER_POSTURES_OF_THUMB if is_thumb else ONE_MARKER_POSTURES)
     return problem._replace(
         points=problem.points[frames], weight=min(1., independent / max(len(frames), 1)))
+
+
+def _without_strays(problem: DigitProblem, chosen: np.ndarray, shape: np.ndarray,
+                    starts: np.ndarray) -> np.ndarray:
+    """Choose frames without those with a marker elsewhere; the chosen ones where these are many."""
+    points, frames, strays = problem.points.copy(), chosen, 0
+    while len(frames):
+        some = problem._replace(points=points[frames])
+        angles, _ = fit_angles(some, shape, starts)
+        misses = np.linalg.norm(place_markers(some.chain, shape, angles) - some.points, axis=2)
+        is_stray = (misses > ELSEWHERE).any(axis=1)
+        if not is_stray.any():
+            return frames
+        strays += np.count_nonzero(is_stray)
+        if strays > MOST_STRAYS * len(points):
+            break
+        points[frames[is_stray]] = np.nan
+        frames = spread_frames(points, CHOSEN_FRAMES, LEAST_DISTANCE)
+    return chosen
 
 
 def fit_digit(problem: DigitProblem, starts: np.ndarray,

@@ -19,7 +19,7 @@ from .digit_chain import (
 from .digit_fit import DigitFit, posture_starts
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .natural_flexion import FlexionLine
-from .palm_template import PalmFit
+from .palm_template import ELSEWHERE, TOLD_SHARE, PalmFit
 from .takes import Gathered, InvalidTake
 
 OBSERVED_SHARE = .7      # of the spread known before; with a larger deviation nothing was observed
@@ -75,11 +75,14 @@ class MarkerResidual(NamedTuple):
     fitted, held_out : float
         Means over fitted frames, and over frames that another fit did not see; NaN where there
         are none [m].
+    elsewhere : float
+        Share of these frames in which it is more than `ELSEWHERE` off.
     """
 
     marker: str
     fitted: float
     held_out: float
+    elsewhere: float = 0.
 
     @property
     def miss(self) -> float:
@@ -106,6 +109,9 @@ class FitReport(NamedTuple):
         for residual in self.residuals:
             found.append(f'{residual.marker:16s}{_millimetres(residual.fitted):>6s}'
                          f'{_millimetres(residual.held_out):>12s}')
+        found += [f'{one.marker} is more than {1e3 * ELSEWHERE:.0f} mm off in '
+                  f'{one.elsewhere:.0%} of the frames: a ghost, or the label of another marker'
+                  for one in self.residuals if one.elsewhere > TOLD_SHARE]
         unobserved = self.unobserved()
         return found + ['', *unobserved] if unobserved else found
 
@@ -197,33 +203,45 @@ def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
     """
     block = max(1, round(HELD_OUT_BLOCK * rate))
     held = np.arange(len(gathered.points)) // block % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    misses: dict[str, float] = {}
+    unseen: dict[str, np.ndarray] = {}   # by the other fit
     if held.any():
         most = fit_gathered(gathered._replace(points=gathered.points[~held]), fit.hand.side,
                             done=done)
         rest = gathered.points[held]
         rest = rest[np.unique(np.linspace(0, len(rest) - 1, HELD_OUT_FRAMES).astype(int))]
-        misses = marker_misses(most, gathered._replace(points=rest))
+        unseen = marker_distances(most, gathered._replace(points=rest))
     else:
         for _ in range(FIT_STEPS):
             done()
     chosen = gathered.points[np.unique(
         np.linspace(0, len(gathered.points) - 1, HELD_OUT_FRAMES).astype(int))]
-    fitted = marker_misses(fit, gathered._replace(points=chosen))
+    fitted = marker_distances(fit, gathered._replace(points=chosen))
     gathered = gathered._replace(markers=fit.markers)
     return FitReport(
-        [MarkerResidual(name, miss, misses.get(name, np.nan)) for name, miss in fitted.items()],
+        [_residual(name, distances, unseen.get(name, np.empty(0)))
+         for name, distances in fitted.items()],
         [parameter for digit, one in enumerate(fit.digits) if one is not None
          for parameter in (*_parameters(digit, one, gathered, fit.palm),
                            *_flexion_parameters(digit, fit.flexions[digit]))])
 
 
+def _residual(marker: str, fitted: np.ndarray, held_out: np.ndarray) -> MarkerResidual:
+    seen = np.concatenate((fitted, held_out))
+    return MarkerResidual(marker, _mean(fitted), _mean(held_out), float(
+        np.count_nonzero(seen > ELSEWHERE) / max(np.isfinite(seen).sum(), 1)))
+
+
 def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
-    """Return the mean distance of each marker from its place, postures by all markers [m]."""
+    """Return the mean distance of each marker from its place, as `marker_distances` [m]."""
+    return {name: _mean(found) for name, found in marker_distances(fit, gathered).items()}
+
+
+def marker_distances(fit: MarkerFit, gathered: Gathered) -> dict[str, np.ndarray]:
+    """Return the distances of each marker from its place, postures by all markers, (n,) [m]."""
     gathered = gathered._replace(markers=fit.markers)
     local = fit.palm.into_palm(gathered.names, gathered.points)
-    found = {gathered.names[i]: _mean(np.linalg.norm(
-        local[:, i] - fit.palm.places[gathered.names[i]], axis=1)) for i in gathered.of(-1)}
+    found = {gathered.names[i]: np.linalg.norm(
+        local[:, i] - fit.palm.places[gathered.names[i]], axis=1) for i in gathered.of(-1)}
     for digit, one in enumerate(fit.digits):
         if one is None:
             continue
@@ -233,7 +251,7 @@ def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
         postures, _ = fit_angles(problem, one.shape, starts)
         misses = np.linalg.norm(
             place_markers(problem.chain, one.shape, postures) - problem.points, axis=2)
-        found.update((gathered.markers[i].name, _mean(misses[:, k]))
+        found.update((gathered.markers[i].name, misses[:, k])
                      for k, i in enumerate(columns))
     return found
 

@@ -20,7 +20,14 @@ from ..core.model.hand import (
 from ..core.model.marker_layout import MarkerLayout
 from .arrow_solver import fit_angles
 from .digit_chain import BONE_PART, ROOT_PART
-from .digit_fit import FIRST_NOISE, DigitFit, chosen_problem, fit_digit, posture_starts
+from .digit_fit import (
+    FIRST_NOISE,
+    DigitFit,
+    chosen_problem,
+    fit_digit,
+    posture_starts,
+    within_reach,
+)
 from .digit_priors import Marked, digit_chain, digit_posture, digit_prior
 from .fitted_hand import (
     FittedDigit,
@@ -131,7 +138,8 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
         local = palm.into_palm(gathered.names, gathered.points)
         mean = Hand.scaled(palm.length, palm.breadth)
         for digit in range(len(DIGITS)):
-            problem = _digit_problem(mean, digit, gathered, local, worn, length, palm)
+            problem = _digit_problem(
+                mean, digit, gathered, local, worn, length, palm, fits[digit])
             if problem is not None:
                 fits[digit] = _fit_again(problem, digit, fits[digit])
             done()
@@ -229,18 +237,19 @@ def _marked(gathered: Gathered, digit: int, worn: tuple[str, ...]) -> Marked:
 
 
 def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray,
-                   worn: tuple[str, ...], length: float, palm: PalmFit) -> DigitProblem | None:
+                   worn: tuple[str, ...], length: float, palm: PalmFit,
+                   before: DigitFit | None) -> DigitProblem | None:
     """Return the problem of a digit with its chosen frames; None if it has no marker."""
     columns = gathered.of(digit)
     if not columns:
         return None
     marked = _marked(gathered, digit, worn)
-    chosen = chosen_problem(DigitProblem(
+    chosen = chosen_problem(within_reach(DigitProblem(
         digit_chain(mean, digit, marked.links), local[:, columns],
         np.full(len(columns), FIRST_NOISE), digit_posture(mean, digit, marked.links),
         digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp')),
-        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.),
-        DIGITS[digit] == 'thumb')
+        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)),
+        DIGITS[digit] == 'thumb', before and before.shape)
     return chosen if len(chosen.points) else None
 
 

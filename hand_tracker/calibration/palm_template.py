@@ -20,6 +20,11 @@ from ..core.numerics.rigid_fit import nearest_rotation
 from .least_squares import evenly_spaced, least_squares
 from .marker_names import UsualPlace
 
+ELSEWHERE = .02     # [m] off its place, beyond which a marker is another one; ours
+# [m] that a rigid marker of the palm is off its place at most, else it is elsewhere, or another is;
+# on recorded skin 8.2 in the extreme. Ours.
+OUT_OF_SHAPE = .008
+TOLD_SHARE = .01    # of the frames with a marker elsewhere; ours
 TEMPLATE_ROUNDS = 6
 # Change of distance, from the 10th to the 90th percentile, that a rigid pair may show [m], and that
 # beside the three best, whose noise is no less [1].
@@ -77,10 +82,37 @@ class PalmFit(NamedTuple):
             self.names, self.template, self.rigid) if rigid}
 
     def into_palm(self, names: Sequence[str], points: np.ndarray) -> np.ndarray:
-        """Return named markers (n, M, 3) in the palm's frame, by the rigid ones [m]."""
-        held = self.held
-        columns = [list(names).index(name) for name in held]
-        return to_palm(points, *rigid_poses(points[:, columns], np.array(list(held.values()))))
+        """Return named markers (n, M, 3) in the palm's frame, by the rigid ones [m].
+
+        Rigid ones that are elsewhere in a frame are left out, the worst first; NaN where fewer
+        than three are left.
+        """
+        held = self._held_columns(names, points)
+        while True:
+            poses = rigid_poses(held, self.template[self.rigid])
+            misses = np.nan_to_num(self._misses(held, *poses))
+            frames = np.flatnonzero(misses.max(axis=1) > OUT_OF_SHAPE)
+            if not len(frames):
+                return to_palm(points, *poses)
+            held[frames, misses[frames].argmax(axis=1)] = np.nan
+
+    def misses(self, names: Sequence[str], points: np.ndarray) -> np.ndarray:
+        """Return the distances of the rigid markers from their places, by all of them, (n, k) [m].
+
+        Parameters
+        ----------
+        names, points
+            As of `into_palm`.
+        """
+        held = self._held_columns(names, points)
+        return self._misses(held, *rigid_poses(held, self.template[self.rigid]))
+
+    def _held_columns(self, names: Sequence[str], points: np.ndarray) -> np.ndarray:
+        return points[:, [list(names).index(name) for name in self.held]]
+
+    def _misses(self, held: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(
+            to_palm(held, rotation, position) - self.template[self.rigid], axis=2)
 
 
 def rigid_set(points: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
 from .hand_faults import KNUCKLE_DISTANCE, UNITS, bend_to_back, unit_of
 from .marker_fit import split_palm
-from .palm_template import PalmFit
+from .palm_template import ELSEWHERE, OUT_OF_SHAPE, TOLD_SHARE, PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 from .worn_markers import worn_names
 
@@ -59,7 +59,8 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
     if missing or '' in worn:
         raise InvalidTake(f'{named}: no marker at the end of {", ".join(missing)}; it has '
                           f'{", ".join(there)}')
-    local = _check_palm(named, gathered, worn, palm)
+    out_of_shape = _check_palm(named, gathered, worn, palm)
+    local = palm.into_palm(gathered.names, gathered.points)
     side = next(iter(sides))
     if len(takes) > 1:
         ends = np.cumsum([len(take.points) for take in takes])[:-1]
@@ -67,7 +68,12 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
             # One in which no finger bends that far shows no side.
             _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
     _check_side(named, side, gathered, worn, local, LEAST_MOTION)
-    return _check_motion(named, gathered, worn, local)
+    weak = _check_motion(named, gathered, worn, local)
+    if out_of_shape > TOLD_SHARE:
+        weak.append('markers of the palm are not at their distances in '
+                    f'{out_of_shape:.0%} of the frames, which are left out: a ghost, or the '
+                    'label of another marker')
+    return weak
 
 
 def _column(gathered: Gathered, name: str) -> int:
@@ -95,26 +101,23 @@ def _check_size(named: str, gathered: Gathered) -> None:
                           'wrong labels, or another unit')
 
 
-def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
-                palm: PalmFit) -> np.ndarray:
-    """Return the markers in the palm's frame; refuse a palm of varying distances."""
+def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...], palm: PalmFit) -> float:
+    """Refuse a palm of varying distances; return the share of the frames with others."""
     corners = [_column(gathered, name) for name in worn[:3]]
     seen = np.isfinite(gathered.points[:, corners]).all(axis=(1, 2))
     if seen.mean() < LEAST_SEEN:
         raise InvalidTake(f'{named}: {", ".join(worn[:3])} are seen together in {seen.mean():.0%} '
                           f'of the frames; expected at least {LEAST_SEEN:.0%}')
-    local = palm.into_palm(gathered.names, gathered.points)
-    names = list(palm.held)
-    misses = np.linalg.norm(
-        local[:, [_column(gathered, name) for name in names]] - np.array(
-            [palm.held[name] for name in names]), axis=2)
-    bend = np.sqrt(np.nanmean(misses ** 2, axis=0))
+    misses = palm.misses(gathered.names, gathered.points)
+    # Strays of single frames are left out.
+    bend = np.sqrt(np.nanmean(np.minimum(misses, ELSEWHERE) ** 2, axis=0))
     if np.nanmax(bend) > PALM_BEND:
+        moving = int(np.nanargmax(bend))
         raise InvalidTake(
-            f'{named}: the palm is not rigid: {names[int(np.nanargmax(bend))]} moves in it by '
-            f'{1e3 * np.nanmax(bend):.0f} mm; expected less than {1e3 * PALM_BEND:g}: '
-            'wrong labels, or a marker that came off')
-    return local
+            f'{named}: the palm is not rigid: {list(palm.held)[moving]} moves in it by '
+            f'{1e3 * np.sqrt(np.nanmean(misses[:, moving] ** 2)):.0f} mm; expected less than '
+            f'{1e3 * PALM_BEND:g}: wrong labels, or a marker that came off')
+    return float(np.mean(np.nan_to_num(misses).max(axis=1) > OUT_OF_SHAPE))
 
 
 def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],

@@ -112,6 +112,16 @@ def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):
     assert 'this is a left one (--side left)' in capsys.readouterr().err
 
 
+def test_frames_with_a_stray_in_the_palm_are_left_out_and_told_of(tmp_path, capsys):
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
+    points = take.points.copy()
+    points[np.arange(len(points)) % 60 < 6, WORN_PLACES.index('little_mcp')] += (.1, .1, 0.)
+    take._replace(points=points).save(tmp_path / 'take.npz')
+    assert main([str(tmp_path / 'take.npz'), '-o', str(tmp_path / 'hand.yaml')]) == 0
+    assert 'not at their distances in 10% of the frames, which are left out' in (
+        capsys.readouterr().err)
+
+
 @pytest.mark.parametrize(('change', 'reason'), (
     (lambda take: take.part(np.arange(60)), '2.0 s long'),
     (lambda take: take._replace(points=1e3 * take.points), 'millimetres'),

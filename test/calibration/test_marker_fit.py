@@ -209,6 +209,21 @@ def test_eight_markers_alone_tell_the_length_and_little_else():
     assert max(marker_misses(fit, gather([take])).values()) < .002
 
 
+@pytest.mark.parametrize('marker', ['middle_dip', 'thumb_tip'])
+def test_a_marker_that_is_elsewhere_for_moments_does_not_lengthen_the_hand(marker):
+    take, _ = simulated_take(LARGE, WORN_PLACES)
+    points = take.points.copy()
+    for first in range(20, len(points), 400):
+        points[first:first + 15, WORN_PLACES.index(marker)] += (.09, .09, .08)
+    strayed = take._replace(points=points)
+    fit, clean = fit_markers([strayed]), fit_markers([take])
+    assert fit.length == pytest.approx(clean.length, abs=.003)
+    np.testing.assert_allclose(fit.hand.finger_bones, clean.hand.finger_bones, atol=.002)
+    line, = (line for line in report_fit(fit, gather([strayed]), take.rate).lines()
+             if 'a ghost, or the label of another marker' in line)
+    assert line.startswith(f'{marker} is more than 20 mm off in ')
+
+
 @pytest.mark.parametrize('length, breadth', [(.175, .08), (.205, .095)])
 def test_one_marker_on_a_digit_leaves_its_shape_near_the_usual(length, breadth):
     # Usual postures, frame by frame, once outweighed the usual shape: the thumb's axis leaned by 21
@@ -230,6 +245,18 @@ def test_gaps_and_outliers_do_no_harm():
     points[wrong] += .05
     found = fit_markers([take._replace(points=points)])
     np.testing.assert_allclose(found.hand.finger_bones, fit.hand.finger_bones, atol=.003)
+
+
+@pytest.mark.parametrize('seed', [3, 4])
+def test_strays_on_palm_and_digits_are_not_fitted(seed):
+    # They are far from the others, so that frames chosen for their coverage were mostly such.
+    take, _, fit = large_hand()
+    random = np.random.default_rng(seed)
+    points = take.points.copy()
+    points[random.random(points.shape[:2]) < .05] = np.nan
+    points[random.random(points.shape[:2]) < .005] += .05
+    found = fit_markers([take._replace(points=points)])
+    np.testing.assert_allclose(found.hand.finger_bones, fit.hand.finger_bones, atol=.002)
 
 
 def test_length_without_any_digit_is_the_palm_s():
