@@ -20,6 +20,7 @@ from ..core.model.hand import (
     SLOPE_RANGE,
     SPLAY_RANGE,
     THUMB_MCP_ABDUCTION_RANGE,
+    WEARER_LIMITS,
     Hand,
     cmc_joints,
     preset_limits,
@@ -144,7 +145,8 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
             fields.update(
                 thumb_cmc=shape[ROOT_PART], thumb_bones=shape[BONE_PART], thumb_abduction_axis=axis,
                 thumb_rest_direction=_rest_direction(
-                    digit, scaled.thumb_rest_direction, preset_limits(limits)))
+                    digit, scaled.thumb_rest_direction,
+                    None if limits == WEARER_LIMITS else preset_limits(limits)))
             if digit.postures[:, ASIDE:].size:
                 fields['thumb_mcp_abduction'] = np.clip(
                     np.median(digit.postures[:, ASIDE]), *THUMB_MCP_ABDUCTION_RANGE)
@@ -317,16 +319,18 @@ def _splay(digit: FittedDigit, axis: np.ndarray, limits: np.ndarray) -> float:
     return float(np.clip(np.arctan2(rest[1], rest[0]), -SPLAY_RANGE, SPLAY_RANGE))
 
 
-def _rest_direction(digit: FittedDigit, usual: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Return the thumb's rest direction: the usual, unless postures leave the limits, shape (3,).
+def _rest_direction(digit: FittedDigit, usual: np.ndarray,
+                    limits: np.ndarray | None) -> np.ndarray:
+    """Return the thumb's rest direction: the usual, unless postures leave limits, shape (3,).
 
-    So the zero of its angles is the same place in the palm, whatever a take shows.
+    So the zero of its angles is the same place in the palm, whatever a take shows. Limits that
+    are widened to the postures (None) move it never.
     """
     row = DIGITS.index('thumb')
     base, tilt = leaning(digit.chain, digit.shape[LEAN_PART])
     x, y, z = base.T @ usual
     turn, flexion = float(np.arctan2(y, x)), float(np.arctan2(-z, np.hypot(x, y)))
-    if len(digit.postures):
+    if limits is not None and len(digit.postures):
         turn += _shift_into(digit.postures[:, 0] - turn, limits[ABDUCTION_JOINTS[row]])
         flexion += _shift_into(digit.postures[:, 1] + tilt - flexion,
                                limits[FLEXION_JOINTS[row, 0]])
