@@ -9,7 +9,7 @@ from pathlib import Path
 from ..core.model.hand import LIMIT_PRESETS, SIDES, WEARER_LIMITS
 from ..parallel import Interruptions
 from .recording_options import add_layout_option, add_marker_options, run_command
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 def _calibrate(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -20,7 +20,7 @@ def _calibrate(options: argparse.Namespace, interrupted: Interruptions) -> str:
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='hand_tracker calibrate', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker calibrate', description=main.__doc__)
     parser.add_argument('takes', nargs='+', type=Path, metavar='TAKE',
                         help='recordings of the eight markers (folder, .mcap, .db3), or points '
                         'with names, more than eight if there are: .npz with markers (T, M, 3) [m] '

@@ -18,7 +18,7 @@ from .recording_options import (
     reading_options,
     run_command,
 )
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 from .track import add_motion_options, settle_motion_options
 
 
@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
     --labels none without their labels; a skeleton (.bvh) and one with skin (.glb) by tracking the
     hand.
     """
-    parser = argparse.ArgumentParser(prog='hand_tracker convert', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker convert', description=main.__doc__)
     add_recording_options(parser)
     parser.add_argument('output', type=Path, metavar='OUT')
     parser.add_argument('--format', choices=WRITTEN_FORMATS,

@@ -19,11 +19,11 @@ from .recording_options import (
     add_reading_options,
     require_inputs,
 )
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
+    parser = CommandParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording', type=Path,
                         help='recording to play: rosbag2 with markers of ids from 0 on /markers, '
                         'those of both hands in namespaces right and left; or with '

@@ -16,7 +16,7 @@ from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
 from ..evaluation.evaluation_options import Options
 from .recording_options import add_frame_rate_option, require_inputs
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 # Readers and tracker are imported where they are used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -86,9 +86,8 @@ def _file(text: str) -> Path:
     return path
 
 
-def _parse(
-        arguments: list[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
-    parser = argparse.ArgumentParser(
+def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespace]:
+    parser = CommandParser(
         prog='hand_tracker evaluate', description=__doc__.split('\n')[0],
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='\n'.join(f'{name:10s} {one.summary}' for name, one in EVALUATIONS.items()))
@@ -116,7 +115,7 @@ def _parse(
     return parser, parser.parse_intermixed_args(arguments)
 
 
-def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> list[str]:
+def _names(parser: CommandParser, chosen: str, files: list[Path]) -> list[str]:
     """Return the evaluations to run."""
     if chosen != 'all':
         one = EVALUATIONS[chosen]
@@ -233,7 +232,7 @@ def main(arguments: list[str] | None = None) -> int:
     return _evaluate(parser, names, chosen, options)
 
 
-def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argparse.Namespace,
+def _evaluate(parser: CommandParser, names: list[str], chosen: argparse.Namespace,
               options: Options) -> int:
     """Run evaluations, write what was asked for after each; return the exit code."""
     rows, done = [], []

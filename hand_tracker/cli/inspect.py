@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -14,13 +13,13 @@ from .recording_options import (
     reading_options,
     require_inputs,
 )
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 @reporting
 def main(arguments: list[str] | None = None) -> int:
     """Print a recording's labels, rate, units, gaps and likely layouts."""
-    parser = argparse.ArgumentParser(prog='hand_tracker inspect', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker inspect', description=main.__doc__)
     parser.add_argument('recording', type=Path, metavar='FILE')
     parser.add_argument('--json', action='store_true', help='print it as JSON')
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -28,7 +28,7 @@ def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='hand_tracker plot', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker plot', description=main.__doc__)
     add_recording_options(parser)
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
                         help='.pdf with a page for each digit, .png for a picture of each '

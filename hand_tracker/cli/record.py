@@ -1,19 +1,18 @@
 """`hand_tracker record`: simulate a packaged recording again."""
 
-import argparse
 import sys
 from pathlib import Path
 
 from ..core.model.hand import BOTH
 from ..package_data import PACKAGED_RECORDINGS
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 @reporting
 def main(arguments: list[str] | None = None) -> int:
     """Make a packaged recording again."""
-    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__,
-                                     epilog='Topics are recorded by `ros2 bag record`.')
+    parser = CommandParser(prog='hand_tracker record', description=main.__doc__,
+                           epilog='Topics are recorded by `ros2 bag record`.')
     parser.add_argument('--side', choices=tuple(PACKAGED_RECORDINGS), default='right',
                         help='of the hand, or both hands (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',

@@ -1,13 +1,44 @@
 """Faults of a command: a line on the standard error and an exit code, not a traceback."""
 
+import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from functools import wraps
+from itertools import takewhile
+from typing import Any, NoReturn
 
 from ..core.errors import HandTrackerError
 from ..interruption import INTERRUPTED_EXIT_CODE
 
 FAULT_EXIT_CODE = 1
+WRONG_COMMAND_LINE = 2     # exit code
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Parser of a command line that takes whole names of options, and says a fault in one line."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(allow_abbrev=False, **kwargs)
+
+    def parse_known_args(self, args: Sequence[str] | None = None,    # type: ignore[override]
+                         namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse a command line; an unknown option is a fault here, so that a subcommand names it.
+
+        Parameters and result as of `argparse.ArgumentParser`.
+        """
+        found, others = super().parse_known_args(args, namespace)
+        for text in takewhile(lambda one: one != '--', others):
+            if text.startswith('-'):
+                name = text.partition('=')[0]
+                near = get_close_matches(name, self._option_string_actions)
+                self.error(f'unknown option {name}' + (
+                    f'; is {" or ".join(near)} meant?' if near else ''))
+        return found, others
+
+    def error(self, message: str) -> NoReturn:
+        """Print a fault of the command line, and exit."""
+        self.exit(WRONG_COMMAND_LINE, f'{self.prog}: {message} ({self.prog} --help)\n')
 
 
 def reporting(main: Callable[[list[str] | None], int]) -> Callable[..., int]:

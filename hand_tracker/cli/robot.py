@@ -1,6 +1,5 @@
 """`hand_tracker robot`: find palm, digits, side and axes of a robot, write its file, show it."""
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..package_data import packaged_recording
 from . import view
 from .recording_options import require_inputs
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 ROBOT_FILE_SUFFIXES = '.yaml', '.yml'
 
@@ -28,8 +27,8 @@ def main(args: list[str] | None = None) -> int:
     int
         Exit code: 0, or 1 if the robot or a file is invalid.
     """
-    parser = argparse.ArgumentParser(
-        prog='hand_tracker robot', description='Add a robot hand to retarget to.')
+    parser = CommandParser(prog='hand_tracker robot',
+                           description='Add a robot hand to retarget to.')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     inspect = commands.add_parser(
         'inspect', help='find palm, digits, side and axes of a URDF; write a robot file, draw it')

@@ -15,7 +15,7 @@ from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
 from .recording_options import add_layout_option, require_inputs
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 # What simulates is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -41,9 +41,8 @@ def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[Bag
             part, simulation.hand.side, names=simulation.layout.names)
 
 
-def _parse(
-        arguments: list[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
-    parser = argparse.ArgumentParser(
+def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespace]:
+    parser = CommandParser(
         prog='hand_tracker simulate',
         description='Record a simulated hand, seen by a ring of cameras, with the truth.',
         formatter_class=_DefaultsHelpFormatter)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..core.model.hand import Hand
 from .recording_options import add_hand_options, require_inputs
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 # What makes the skin is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     arguments : list of str, optional
         Those of the command line when left out.
     """
-    parser = argparse.ArgumentParser(prog='hand_tracker skin', description=__doc__)
+    parser = CommandParser(prog='hand_tracker skin', description=__doc__)
     add_hand_options(parser)
     parser.add_argument('--mesh', metavar='FILE', help='closed mesh of the hand with straight '
                         'joints (OBJ, PLY, STL); default: made from the hand')

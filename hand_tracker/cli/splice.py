@@ -10,7 +10,7 @@ from ..files.point_recording import UNIT_SPELLINGS
 from ..files.written_kinds import WRISTS
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 def _splice(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     The clocks are aligned by the path of the wrist. One recording is of the hand that its
     labels, --hand or --side say; of two the first is of the right hand.
     """
-    parser = argparse.ArgumentParser(prog='hand_tracker splice', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker splice', description=main.__doc__)
     parser.add_argument('body', type=Path, metavar='BODY', help='motion of the body: a '
                         'skeleton (.bvh), or markers (.c3d, .trc, ...)')
     add_recording_options(parser, several=True)

@@ -18,7 +18,7 @@ from ..files.written_kinds import (
 )
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 # Options of skeletons: the outputs that they are for, and what they are where they are not given.
 MOTION_OPTIONS = {'names': (SKELETON_KINDS, NAMINGS[0]),
@@ -74,7 +74,7 @@ def settle_motion_options(options: argparse.Namespace, kind: str) -> None:
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker track', description=main.__doc__)
     add_recording_options(parser, several=True, both=True, located=located)
     parser.add_argument('-o', '--output', type=located, required=True, metavar='OUT',
                         help='table of angles (.csv), recording of /joint_states (.mcap, .db3), '

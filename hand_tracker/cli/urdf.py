@@ -1,12 +1,11 @@
 """`hand_tracker urdf`: print or write the URDF of a hand."""
 
-import argparse
 import sys
 from pathlib import Path
 
 from ..core.model.hand import LIMIT_PRESETS, SIDES
 from .recording_options import require_inputs
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 
 @reporting
@@ -23,8 +22,7 @@ def main(args: list[str] | None = None) -> int:
     int
         Exit code: 0, or 1 if the hand or the file is invalid.
     """
-    parser = argparse.ArgumentParser(
-        prog='hand_tracker urdf', description='Write the URDF of a hand.')
+    parser = CommandParser(prog='hand_tracker urdf', description='Write the URDF of a hand.')
     parser.add_argument('--hand', metavar='FILE', help='hand file; the mean hand when left out')
     parser.add_argument('--side', choices=SIDES, help="instead of the hand file's")
     parser.add_argument('--limits', choices=LIMIT_PRESETS, help="instead of the hand file's")

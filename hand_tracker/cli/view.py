@@ -16,7 +16,7 @@ from .recording_options import (
     recorded_reading,
     require_inputs,
 )
-from .reporting import reporting
+from .reporting import CommandParser, reporting
 
 # The viewer is imported where it is used, so that a wrong option is reported at once.
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def warm_up() -> None:
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='hand_tracker view', description=main.__doc__)
+    parser = CommandParser(prog='hand_tracker view', description=main.__doc__)
     add_recording_options(parser, both=True)
     add_page_options(parser)
     return parser.parse_args(args)

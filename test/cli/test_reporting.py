@@ -1,0 +1,23 @@
+"""Faults of a command line: one line, and the names that an unknown option is near to."""
+
+import pytest
+
+from hand_tracker.cli import evaluate, robot, track
+
+
+@pytest.mark.parametrize('main, arguments, said', [
+    (track.main, ('in.c3d',), 'hand_tracker track: the following arguments are required: '
+     '-o/--output (hand_tracker track --help)'),
+    (track.main, ('in.c3d', '-o', 'a.csv', '--limit=wide'), 'hand_tracker track: unknown option '
+     '--limit; is --limits meant? (hand_tracker track --help)'),
+    (track.main, ('in.c3d', '-o', 'a.csv', '--zzz'),
+     'hand_tracker track: unknown option --zzz (hand_tracker track --help)'),
+    (robot.main, ('inspect', 'allegro', '--picure', 'a.png'), 'hand_tracker robot inspect: unknown '
+     'option --picure; is --picture meant? (hand_tracker robot inspect --help)'),
+    (evaluate.main, ('noise', '--sed', '1'), 'hand_tracker evaluate: unknown option --sed; '
+     'is --seed meant? (hand_tracker evaluate --help)')])
+def test_a_wrong_command_line_is_told_in_one_line(main, arguments, said, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(list(arguments))
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err == f'{said}\n'
