@@ -17,7 +17,7 @@ class OutputError(HandTrackerError):
 
 def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
                    refusal: type[HandTrackerError] = OutputError) -> None:
-    """Refuse a file with another extension.
+    """Refuse a file with another extension, in whatever case.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def require_suffix(path: Path, suffixes: Collection[str], expected: str = '',
     OutputError
         Or `refusal`.
     """
-    if path.suffix not in suffixes:
+    if path.suffix.lower() not in suffixes:
         raise refusal(f'{path}: unknown extension {path.suffix!r}; '
                       f'expected {expected or ", ".join(suffixes)}')
 

@@ -60,7 +60,7 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     labels = label_map([*options.label, *equated(options.markers, worn)], worn, options.side)
     reader = MarkerReader(
         labels, options.frame, metres_per_unit(options), not options.keep_zeros)
-    if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
+    if not path.is_dir() and (path.suffix.lower() not in STORAGE or not path.exists()):
         fault = (f'unknown extension {path.suffix!r}' if path.exists()
                  else 'no such file or folder')
         raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')

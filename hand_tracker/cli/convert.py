@@ -26,7 +26,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
     """Convert the recording of a command line; return the closing line."""
     settle_motion_options(options, f'.{options.format}' if options.format
-                          else options.output.suffix)
+                          else options.output.suffix.lower())
     # Here, so that a wrong option is reported at once.
     from ..calibration.hand_labels import labels_as_markers
     from ..calibration.recorded_points import recorded_points
@@ -38,16 +38,16 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     from .track_recordings import refuse_to_replace, track_file
 
     written_as = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
-    output = options.output
+    output, suffix = options.output, options.output.suffix.lower()
     refuse_to_replace(options.recording, output)
     kinds = *WRITTEN_SUFFIXES, *SKELETON_KINDS
     if not options.format:
         require_suffix(output, kinds, f'{", ".join(kinds)}, or --format')
-    if output.suffix in SKELETON_KINDS and not options.format:
+    if suffix in SKELETON_KINDS and not options.format:
         # A skeleton is what the tracker finds in the points.
         return str(track_file(options, interrupted, progress))
     form = written_as[options.format] if options.format else None
-    if form is not None and output.suffix not in form.suffixes and output.suffix in kinds:
+    if form is not None and suffix not in form.suffixes and suffix in kinds:
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
     layout = by_label = None
@@ -56,7 +56,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         by_label = label_map(options.label, layout.names) if options.label else None
     recording = recorded_points(options.recording, reading_options(options), layout, by_label)
     notes = list(recording.notes)
-    if output.suffix not in STORAGE and recording.left_out:
+    if suffix not in STORAGE and recording.left_out:
         notes.append(f'{recording.left_out} frames between the others were left out, as the times '
                      'say: written as missing')
     for note in notes:
@@ -65,12 +65,12 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         raise RecordingError(f'{options.recording}: no frames to convert')
     at_origin = [label or 'a point' for label, points in zip(
         recording.labels, recording.points.swapaxes(0, 1)) if (points == 0.).all(axis=1).any()]
-    if at_origin and not (recording.is_landmarks and output.suffix in NPZ.suffixes):
+    if at_origin and not (recording.is_landmarks and suffix in NPZ.suffixes):
         print(f'{output}: {", ".join(at_origin)} is at (0, 0, 0) in some frames, which reads as '
               'missing but with --keep-zeros', file=sys.stderr)
     if options.labels == WITHOUT_LABELS:
         recording = recording._replace(labels=('',) * len(recording.labels))
-    elif recording.is_landmarks and output.suffix not in NPZ.suffixes:
+    elif recording.is_landmarks and suffix not in NPZ.suffixes:
         # Other formats do not say that the points are joint centres.
         labels = labels_as_markers(recording.labels)
         renamed = [f'{old} as {new}' for old, new in zip(recording.labels, labels) if old != new]

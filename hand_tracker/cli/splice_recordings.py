@@ -75,7 +75,7 @@ def splice_recordings(options: argparse.Namespace, interrupted: Interruptions,
                                'the left hand; expected no --side')
     for recording in (options.body, *options.recordings):
         refuse_to_replace(recording, output)
-    if output.suffix == SKINNED_KIND:
+    if output.suffix.lower() == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(lambda line: print(line, file=sys.stderr))
     if not is_skeleton:
@@ -85,7 +85,7 @@ def splice_recordings(options: argparse.Namespace, interrupted: Interruptions,
     hands, unit = _placed(options, body, tracked)
     naming = skeleton_naming(body.joints)
     spliced = splice(body, hands, unit, options.wrist)
-    if output.suffix == SKELETON_KIND:
+    if output.suffix.lower() == SKELETON_KIND:
         write_whole(output, lambda path: write_bvh_motion(path, spliced))
     else:
         skeleton = skeleton_of(spliced, unit)
@@ -126,12 +126,12 @@ def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> st
                                   "its world turned to the body's by the wrist's path")
               + f'; the wrists {1e3 * world.distance:.0f} mm apart', file=sys.stderr)
         hands.append((one, alignment, world))
-    if options.output.suffix in POINT_KINDS:
+    if options.output.suffix.lower() in POINT_KINDS:
         spliced = splice_points(body, hands)
         write_recording(options.output, spliced)
         return f'{options.output}: {len(spliced.points)} frames of {len(spliced.labels)} points'
     skeleton = marker_skeleton(body, hands, NAMINGS[0])
-    if options.output.suffix == SKELETON_KIND:
+    if options.output.suffix.lower() == SKELETON_KIND:
         write_whole(options.output, lambda path: write_bvh(path, skeleton))
     else:
         mesh = marker_mesh(skeleton, tracked)

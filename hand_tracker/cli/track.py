@@ -26,7 +26,7 @@ MOTION_OPTIONS = {'names': (SKELETON_KINDS, NAMINGS[0]),
 
 
 def _track(options: argparse.Namespace, interrupted: Interruptions) -> str:
-    kind = PurePath(options.output).suffix
+    kind = PurePath(options.output).suffix.lower()
     if options.format or kind not in TRACKED_KINDS:
         kind = f'.{options.format}' if options.format else TABLE
     settle_motion_options(options, kind)

@@ -51,7 +51,7 @@ class TrackedFile(NamedTuple):
 
     def __str__(self) -> str:
         remarks = f'{self.held} of them show no palm, ' if self.held else ''
-        if self.tracked < self.read and PurePath(str(self.output)).suffix in OUTPUT_KINDS:
+        if self.tracked < self.read and PurePath(str(self.output)).suffix.lower() in OUTPUT_KINDS:
             remarks += 'the others are not written, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
                 f'{self.rate:.0f} a second')
@@ -71,14 +71,15 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     """Track the recordings of a command line; return their results, for the closing lines."""
     output = options.output
     require_suffix(output, TRACKED_KINDS)
-    if output.suffix == SKINNED_KIND:
+    kind = output.suffix.lower()
+    if kind == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))
     start = time.monotonic()
     refuse_to_replace(options.recording, output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
     with tracking_job(options, interrupted, progress) as job, interrupted.only_noted():
-        if output.suffix in OUTPUT_KINDS:
+        if kind in OUTPUT_KINDS:
             prefixes = [f'{side}_' for side in job.hands()]
             wrists = prefixes if options.side == BOTH else ['']
             save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
@@ -154,7 +155,7 @@ def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
 def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track several recordings, a file for each; return what to say at the end."""
     folder = options.output
-    if Path(folder).suffix in TRACKED_KINDS:
+    if Path(folder).suffix.lower() in TRACKED_KINDS:
         raise BagError(f'{folder}: several recordings, or --format, fill a folder; '
                        f'expected a name without {Path(folder).suffix}')
     stems = _different_names(options.recordings)

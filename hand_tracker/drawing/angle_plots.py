@@ -123,15 +123,16 @@ def save_pages(path: str | PathLike[str], tracked: TrackedAngles, hand: Hand,
         If the path has another extension, or cannot be written to.
     """
     path = require_output(path)
-    if path.suffix not in (PDF, PNG):
+    is_pdf = path.suffix.lower() == PDF
+    if not path.suffix:
         path.mkdir(parents=True, exist_ok=True)
-    names = [path] if path.suffix == PDF else [
+    names = [path] if is_pdf else [
         path.with_name(f'{path.stem}_{digit}{PNG}') if path.suffix else path / f'{digit}{PNG}'
         for digit in DIGITS]
     pages = (digit_page(tracked, hand, digit, title, layout=layout) for digit in DIGITS)
     with folder_beside(names[0], PlotError) as scratch:
         unfinished = [scratch / name.name for name in names]
-        if path.suffix == PDF:
+        if is_pdf:
             with PdfPages(unfinished[0], metadata={'Title': title}) as pdf:
                 for figure in pages:
                     pdf.savefig(figure)

@@ -32,7 +32,7 @@ from ..messages.message_definitions import DEFINITIONS
 from ..messages.stamps import stamp_of
 from ..output_files import folder_beside, require_folder, require_suffix
 from .cut_mcap import MAX_CHUNK_BYTES, WholeRecords, is_cut
-from .written_kinds import BAG_SUFFIXES
+from .written_kinds import BAG_SUFFIXES, MCAP
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 TF = 'tf2_msgs/msg/TFMessage'
@@ -77,6 +77,15 @@ if hasattr(storage_mcap, 'DECOMPRESSORS') and hasattr(storage_mcap, 'zstd'):
 
 class BagError(HandTrackerError):
     """A recording cannot be read or written; the message says which, why and what is expected."""
+
+
+class _AnyCaseReader(Reader):
+    """Reader of rosbags that knows a file by its extension in capitals, too."""
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_dir():
+            self.STORAGE_PLUGINS = {path.suffix: Reader.STORAGE_PLUGINS[path.suffix.lower()]}
+        super().__init__(path)
 
 
 class BagMessage(NamedTuple):
@@ -243,17 +252,17 @@ def open_bag(path: str | PathLike[str], partial: bool = False) -> Iterator[Bag]:
     if path.is_dir():
         if not (path / BAG_CONTENTS).exists():
             raise BagError(f'{path}: a folder without {BAG_CONTENTS}; {EXPECTED}')
-    elif path.suffix not in STORAGE:
+    elif path.suffix.lower() not in STORAGE:
         raise BagError(f'{path}: unknown extension {path.suffix!r}; {EXPECTED}')
     elif not path.stat().st_size:
         raise BagError(f'{path}: the file has no bytes; {EXPECTED}')
     with _read_errors(path):
-        is_partial = path.is_file() and STORAGE[path.suffix] is StoragePlugin.MCAP and is_cut(path)
+        is_partial = path.is_file() and path.suffix.lower() == MCAP and is_cut(path)
     if is_partial and not partial:
         raise BagError(f'{path}: cannot be read (cut, or not closed); expected a complete '
                        'recording (--partial reads what is there)')
     with _read_errors(path):
-        reader = Reader(path)
+        reader = _AnyCaseReader(path)
         if is_partial:
             reader.storage.path = WholeRecords(path)
         reader.open()
@@ -293,9 +302,9 @@ def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None
     require_folder(path, BagError)
     # rosbags writes a folder; the file in it is a complete recording by itself.
     with folder_beside(path, BagError) as scratch:
-        folder = scratch / path.stem
-        writer = Writer(folder, version=BAG_METADATA_VERSION, storage_plugin=STORAGE[path.suffix])
-        if path.suffix == '.mcap':
+        folder, suffix = scratch / path.stem, path.suffix.lower()
+        writer = Writer(folder, version=BAG_METADATA_VERSION, storage_plugin=STORAGE[suffix])
+        if suffix == MCAP:
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         connections = {}
         with writer:
@@ -309,7 +318,7 @@ def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None
                 writer.write(connections[topic], time, data)
             if not connections:
                 raise BagError(f'{path}: no messages to write; expected at least one')
-        os.replace(folder / path.name, path)
+        os.replace(folder / f'{path.stem}{suffix}', path)
 
 
 def bag_message(topic: str, time: int, message: Any) -> BagMessage:

@@ -140,13 +140,13 @@ def is_bag(path: str | PathLike[str]) -> bool:
     """Return whether a path is, by content or name, a rosbag2 recording."""
     path = Path(path)
     if path.is_dir() or not path.exists():
-        return path.is_dir() or path.suffix in STORAGE or not path.suffix
+        return path.is_dir() or path.suffix.lower() in STORAGE or not path.suffix
     try:
         with open(path, 'rb') as file:
             head = file.read(max(map(len, BAG_STARTS)))
     except OSError:
-        return path.suffix in STORAGE
-    return head.startswith(BAG_STARTS) or path.suffix in STORAGE
+        return path.suffix.lower() in STORAGE
+    return head.startswith(BAG_STARTS) or path.suffix.lower() in STORAGE
 
 
 def has_recording_suffix(path: Path) -> bool:
@@ -297,7 +297,7 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
     """
     path = Path(path)
     require_folder(path, RecordingError)
-    if form is None and path.suffix in STORAGE:
+    if form is None and path.suffix.lower() in STORAGE:
         write_bag_points(path, recording)
         return BAG_FORMAT
     form = form or _by_name(path)

@@ -285,7 +285,7 @@ def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
         poses are not written.
     """
     path = Path(path)
-    if path.suffix == TABLE:
+    if path.suffix.lower() == TABLE:
         joints = [prefix + joint for prefix in prefixes for joint in JOINTS]
         write_angle_table(path, joints, _rows(frames, prefixes, bool(wrists)), wrists)
     else:

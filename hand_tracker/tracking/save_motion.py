@@ -93,7 +93,8 @@ def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NA
     HandTrackerError
         If the path has another extension, or cannot be written to.
     """
-    if path.suffix in POINT_KINDS:
+    kind = path.suffix.lower()
+    if kind in POINT_KINDS:
         centres = hands_centres(tracked, path.stem) if isinstance(
             tracked, TrackedHands) else joint_centres(tracked, path.stem)
         write_recording(path, centres)
@@ -101,12 +102,12 @@ def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NA
     require_suffix(path, MOTION_KINDS)
     require_folder(path)
     # Frames of BVH have no times of their own.
-    evenly = path.suffix == SKELETON_KIND
+    evenly = kind == SKELETON_KIND
     if isinstance(tracked, TrackedHands):
         motion = hands_motion(tracked, naming, evenly)
     else:
         motion = skeleton_motion(evenly_timed(tracked) if evenly else tracked, naming)
-    if path.suffix == SKELETON_KIND:
+    if kind == SKELETON_KIND:
         write_whole(path, lambda unfinished: write_bvh(unfinished, motion, order))
     else:
         meshes = _skins(tracked, motion)

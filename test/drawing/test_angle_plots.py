@@ -134,6 +134,7 @@ def test_output_is_a_document_a_picture_of_each_digit_or_a_folder(made, tmp_path
         with Image.open(name) as image:
             image.verify()
     assert len(list(tmp_path.iterdir())) == 7
+    assert save_pages(tmp_path / 'ALL.PDF', made, hand) == [tmp_path / 'ALL.PDF']
 
 
 def test_command_plots_what_the_tracker_says_of_the_arrays(

@@ -58,7 +58,7 @@ def write_folder(path, messages, storage=StoragePlugin.SQLITE3, offers=()):
             writer.write(connections[message.topic], message.time, message.data)
 
 
-@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3', '.MCAP', '.Db3'])
 def test_reads_what_it_writes(tmp_path, suffix):
     path = tmp_path / f'bag{suffix}'
     write_bag(path, frames())

@@ -87,7 +87,7 @@ def test_the_command_takes_bodies_of_markers_and_refuses_the_wrong_output(tmp_pa
     assert 'in the same world as the body' in capsys.readouterr().err
     found = read_recording(output)
     assert found.labels[0] == 'RWRA' and 'right_index_pip' in found.labels
-    for name in ('out.bvh', 'out.glb'):
+    for name in ('OUT.BVH', 'out.glb'):
         assert main(['splice', str(tmp_path / 'body.c3d'), str(tmp_path / 'take.c3d'),
                      '-o', str(tmp_path / name)]) == 0
         assert (tmp_path / name).stat().st_size > 10_000

@@ -247,12 +247,12 @@ def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, cap
 
 
 @pytest.mark.parametrize('output', ['out.c3d', 'out.trc', 'out.tsv', 'out.csv', 'out.npz',
-                                    'out.mcap', 'out.bvh', 'out.glb'])
+                                    'out.mcap', 'out.bvh', 'out.glb', 'OUT.NPZ', 'OUT.MCAP'])
 def test_convert_writes_what_is_read_again(tracked, tmp_path, output, capsys):
     path = tmp_path / output
     assert main(['convert', str(tracked / 'take.c3d'), str(path)]) == 0
     written = {'.c3d': 'C3D', '.trc': 'TRC', '.tsv': 'Qualisys TSV', '.csv': 'OptiTrack CSV',
-               '.npz': 'npz', '.mcap': 'rosbag2'}.get(path.suffix)
+               '.npz': 'npz', '.mcap': 'rosbag2'}.get(path.suffix.lower())
     assert written is None or capsys.readouterr().out.endswith(f'points, as {written}\n')
     if path.suffix == '.glb':
         assert path.read_bytes()[:4] == b'glTF'

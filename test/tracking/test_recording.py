@@ -287,6 +287,16 @@ def test_recording_holds_the_same_angles_with_the_markers_stamps(
                            state.wrist_rotation, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize('name', ['OUT.CSV', 'OUT.MCAP', 'OUT.BVH', 'OUT.TRC'])
+def test_outputs_are_known_by_extensions_in_capitals_too(bag, name, tmp_path):
+    (tmp_path / 'small').mkdir()
+    usual = tmp_path / 'small' / f'OUT{name[3:].lower()}'
+    for output in (tmp_path / name, usual):
+        assert main([str(bag), '-o', str(output)]) == 0
+    written = (tmp_path / name).read_bytes()
+    assert written.replace(name.encode(), usual.name.encode()) == usual.read_bytes()
+
+
 def test_hand_side_limits_and_coupling_are_those_asked_for(recording, bag, tmp_path):
     hand, layout = Hand.scaled(length=.2, breadth=.09), MarkerLayout()
     save_hand(tmp_path / 'hand.yaml', hand, layout)
