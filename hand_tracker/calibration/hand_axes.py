@@ -168,8 +168,8 @@ def is_body(recording: PointRecording) -> bool:
             and 2 * sum(len(hand.columns) for hand in hands) < len(recording.labels))
 
 
-def with_recognised_axes(recording: PointRecording,
-                         body_size: float | None = None) -> PointRecording:
+def with_recognised_axes(recording: PointRecording, body_size: float | None = None,
+                         is_scaled: bool = False) -> PointRecording:
     """Return a recording with unit and handedness by its hands, where its file names none.
 
     Parameters
@@ -178,6 +178,8 @@ def with_recognised_axes(recording: PointRecording,
         Its points are changed.
     body_size : float, optional
         Of the whole body that it is of, which tells the unit instead, in the file's unit.
+    is_scaled : bool, optional
+        See `ReadingOptions`.
 
     Returns
     -------
@@ -198,6 +200,8 @@ def with_recognised_axes(recording: PointRecording,
             axes = axes._replace(units=unit)
         notes = (*(note for note in notes if note != assumed),
                  conversion_note(axes, recording.said, reason))
+    elif is_scaled:
+        pass    # multiplied, they may well be of a hand's size
     elif scale is None and (spread := cloud_scale(recording)) and (
             unit := _likelier_unit_of_cloud(axes, spread)):
         notes += (f'the points are {float(f"{spread:.2g}"):g} times as far apart as the markers of '

@@ -47,7 +47,8 @@ def recorded_points(path: str | PathLike[str],
     HandTrackerError
     """
     meant = tuple(wanted) or (() if layout is None else tuple(layout.names))
-    recording = read_recording(path, (reading or ReadingOptions())._replace(names=meant))
+    reading = (reading or ReadingOptions())._replace(names=meant)
+    recording = read_recording(path, reading)
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = recording.labels
         names = marker_names(labels) if by_label is None else ()
@@ -56,7 +57,7 @@ def recorded_points(path: str | PathLike[str],
     size = None
     if recording.format == BVH.name and is_body(recording):
         size = rest_size(read_bvh_joints(Path(path)))
-    return with_recognised_axes(recording, size)
+    return with_recognised_axes(recording, size, reading.is_scaled)
 
 
 def _names_by_id(labels: tuple[str, ...], layout: MarkerLayout | None,

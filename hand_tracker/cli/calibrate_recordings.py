@@ -118,11 +118,13 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
             refuse_file_options(options, path)
             takes.append(_take_of_bag(path, options, layout))
             continue
-        if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
+        scale = options.unit_scale
+        if path.suffix.lower() == TAKE_SUFFIX and layout is None and not options.markers:
             take = load_take(path, options.side, frame_rate=options.frame_rate)
+            scale = metres_per_unit(options)    # it is read as metres
         else:
             take = recorded_take(path, options.side, choice.reading, layout, choice.names)
         for note in take.notes:
             print(note, file=sys.stderr)
-        takes.append(take._replace(points=options.unit_scale * take.points))
+        takes.append(take._replace(points=scale * take.points))
     return calibrate_takes(takes, options.output, options.limits, options.picture, layout)

@@ -55,6 +55,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         _, layout = choose_hand(options.hand, options.side, layout=options.layout)
         by_label = label_map(options.label, layout.names) if options.label else None
     recording = recorded_points(options.recording, reading_options(options), layout, by_label)
+    recording.points[:] *= options.unit_scale
     notes = list(recording.notes)
     if suffix not in STORAGE and recording.left_out:
         notes.append(f'{recording.left_out} frames between the others were left out, as the times '

@@ -201,7 +201,8 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
 
     return ReadingOptions(options.units, options.up, options.handed,
                           not getattr(options, 'keep_zeros', False), options.partial,
-                          getattr(options, 'topic', None), options.frame_rate, options.subject)
+                          getattr(options, 'topic', None), options.frame_rate, options.subject,
+                          is_scaled=getattr(options, 'unit_scale', 1.) != 1.)
 
 
 def refuse_file_options(options: argparse.Namespace, path: Path) -> None:

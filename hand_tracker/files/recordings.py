@@ -64,6 +64,8 @@ class ReadingOptions(NamedTuple):
     names : tuple of str
         Markers that are wanted: of an npz file with markers and joints those are read that have
         most of them.
+    is_scaled : bool
+        Whether the points are multiplied afterwards, so that their unit is not doubted.
     """
 
     units: str | None = None
@@ -75,6 +77,7 @@ class ReadingOptions(NamedTuple):
     frame_rate: float | None = None
     subject: str | None = None
     names: tuple[str, ...] = ()
+    is_scaled: bool = False
 
 
 class FileFormat(NamedTuple):

@@ -8,6 +8,7 @@ from PIL import Image
 from hand_tracker.calibration import LANDMARKS, landmark_positions
 from hand_tracker.calibration.coverage import coverage
 from hand_tracker.calibration.frame_choice import spread_frames
+from hand_tracker.cli import calibrate_recordings
 from hand_tracker.cli.calibrate import main
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -133,6 +134,19 @@ def test_a_bad_take_is_refused_with_the_reason(tmp_path, capsys, change, reason)
     assert main([str(written(tmp_path / 'take.npz', change(take))), '-o', str(output)]) == 1
     assert reason in capsys.readouterr().err
     assert not output.exists()
+
+
+def test_the_unit_of_a_take_may_be_given(tmp_path, monkeypatch):
+    fitted = []
+    monkeypatch.setattr(calibrate_recordings, 'calibrate_takes',
+                        lambda takes, *_: fitted.extend(takes) or 'fitted')
+    take, _ = simulated_take(HAND, EVERY_JOINT, seconds=8.)
+    path = str(written(tmp_path / 'take.npz', take._replace(points=1000. * take.points)))
+    for given in (('--units', 'mm'), ('--unit-scale', '0.001')):
+        assert main([path, '-o', str(tmp_path / 'hand.yaml'), *given]) == 0
+    for found in fitted:
+        np.testing.assert_allclose(found.points, take.points, rtol=1e-6)
+    assert len(fitted) == 2
 
 
 def test_joint_centres_are_no_markers_on_the_skin(tmp_path, capsys):

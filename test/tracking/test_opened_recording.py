@@ -610,6 +610,17 @@ def test_inspect_names_the_likelier_unit_in_its_command(tmp_path, capsys):
     assert ' --units=mm ' in capsys.readouterr().out.splitlines()[-1]
 
 
+def test_a_unit_is_not_doubted_where_a_scale_is_given(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = hand_recording(240)
+    write_recording('take.npz', recording._replace(points=1000. * recording.points))
+    assert main(['track', 'take.npz', '-o', 'out.csv', '--unit-scale', '0.001']) == 0
+    assert main(['convert', 'take.npz', 'out.npz', '--unit-scale', '0.001']) == 0
+    said = capsys.readouterr()
+    assert '240 of 240 frames tracked' in said.out and '--units' not in said.err
+    np.testing.assert_allclose(read_recording('out.npz').points, recording.points, rtol=1e-5)
+
+
 @pytest.mark.parametrize('unit, size', [('mm', 1000.), ('cm', 100.), ('in', 1. / .0254)])
 # The side of the paper's eight is found by their shape.
 @pytest.mark.parametrize('layout, found', [('paper8', 'left'), ('sig18_19', 'unknown')])
