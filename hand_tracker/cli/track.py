@@ -89,7 +89,8 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
                         'workers track several recordings, as tcp://10.0.0.5:8786; they see '
                         'the same files')
     parser.add_argument('--resume', action='store_true',
-                        help='leave out recordings whose file in the folder is there')
+                        help='leave out recordings whose file in the folder is there, '
+                        'made with the same options')
     parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
                         'columns of the table, or as /tf')
     add_motion_options(parser)

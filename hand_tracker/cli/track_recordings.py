@@ -16,7 +16,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
 from ..files.bags import BAG_CONTENTS, BagError
 from ..files.recordings import has_recording_suffix, is_named_as_recording
-from ..files.remote_files import Url, exists, local_copy, matching, upload
+from ..files.remote_files import Url, local_copy, matching, upload
 from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
 from ..output_files import require_suffix
 from ..parallel import Interruptions, TaskResult, run_tasks
@@ -25,6 +25,7 @@ from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import save_hands
 from ..tracking.save_motion import collect_hands, save_motion
+from .resumption import is_done, note_options
 from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
 ALREADY_THERE = 'already there'
@@ -170,7 +171,8 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
                            'expected different names, or a command for each')
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
-    is_there = [options.resume and _is_done(recording, output)
+        note_options(folder, options)
+    is_there = [options.resume and is_done(recording, output, options)
                 for recording, output in zip(options.recordings, outputs)]
     # Workers of a cluster may be in other folders.
     tasks = [_with(options, recording=recording if isinstance(recording, Url)
@@ -194,14 +196,6 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
     if tracked < count:
         raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
     return f'{folder}: {count} recording{"s" * (count > 1)} tracked'
-
-
-def _is_done(recording: Path | Url, output: Path | Url) -> bool:
-    """Return whether an output is there, of files no older than the recording."""
-    if isinstance(output, Url):
-        return exists(output)
-    return output.exists() and (isinstance(recording, Url) or not recording.exists()
-                                or output.stat().st_mtime >= recording.stat().st_mtime)
 
 
 def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:

@@ -687,6 +687,37 @@ def test_a_folder_of_recordings_is_resumed_where_it_stopped(bag, tmp_path, capsy
     assert 'fill a folder' in capsys.readouterr().err
 
 
+def test_resuming_with_other_options_tracks_again(bag, tmp_path, capsys):
+    folder, hand = tmp_path / 'out', tmp_path / 'my_hand.yaml'
+    save_hand(hand, Hand.scaled(.2), MarkerLayout())
+    command = [str(bag), '--format', 'csv', '-o', str(folder), '--resume']
+
+    def run(*options):
+        assert main([*command, *options]) == 0
+        said = capsys.readouterr()
+        return 'already there' in said.out, said.err, (folder / 'in.csv').read_bytes()
+
+    is_kept, said, first = run()
+    assert not is_kept and 'options' not in said
+    assert run() == (True, '', first)
+    is_kept, said, second = run('--hand', str(hand))
+    assert not is_kept and second != first
+    assert f'{folder}: made with other options (--hand: None, now {hand}): tracked again' in said
+    assert run('--hand', str(hand)) == (True, '', second)
+    later = (folder / 'in.csv').stat().st_mtime + 1.
+    os.utime(hand, (later, later))
+    assert not run('--hand', str(hand))[0]
+    # Without --resume, too, another run leaves its options.
+    os.utime(hand, (0., 0.))
+    assert main([*command[:-1]]) == 0
+    capsys.readouterr()
+    assert run() == (True, '', first)
+    (folder / 'track_options.json').unlink()
+    is_kept, said, _ = run('--side', 'right')
+    assert is_kept and 'with which options the files in it were made is not known' in said
+    assert run('--side', 'right')[:2] == (True, '')
+
+
 def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
     other = tmp_path / 'other' / bag.name
     assert main([str(bag), str(other), '-o', str(tmp_path / 'out')]) == 1
