@@ -134,18 +134,20 @@ class PointBag(Bag):
         hand = self.hands[0]
         if not hand.side and recording.side:
             self.hands = (hand._replace(side=choice.side or recording.side),)
-            self.notes += ((f'a {recording.side} hand, as the file says (--side)',)
-                           if choice.side in (None, recording.side) else
-                           (f'the file says that it is a {recording.side} hand: is --side right?',))
+            if choice.side is None:
+                self.notes += (f'a {recording.side} hand, as the file says (--side)',)
+            elif choice.side != recording.side:
+                self.notes += (f'the file says that it is a {recording.side} hand: is --side '
+                               'right?',)
         elif not hand.side and not self.has_labels and hand.layout.names == MARKERS:
             if choice.finds_side:
                 self._find_side()
         elif not hand.side:
             by_shape = side_by_shape(recording)
             self.hands = (hand._replace(side=choice.side or by_shape),)
-            if by_shape and choice.side in (None, by_shape):
+            if by_shape and choice.side is None:
                 self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
-            elif by_shape:
+            elif by_shape and choice.side != by_shape:
                 self.notes += (f'its fingers bend as those of a {by_shape} hand: are --side, '
                                'labels, units and axes right?',)
         if recording.origin is not None:
