@@ -291,7 +291,8 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
         reading_options(options), hand.side if options.hand and options.side != BOTH
         else options.side, chosen_labels(options.markers, layout.names, options.side),
         layout if options.hand or options.layout else None,
-        False if options.labels == WITHOUT_LABELS else None, finds_side=True)
+        False if options.labels == WITHOUT_LABELS else None, finds_side=True,
+        may_be_both='left_hand' in given)
     if is_marker_bag(options.recording, choice, bool(given.get('label'))):
         refuse_file_options(options, options.recording)
         texts = [*given.get('label', ()), *equated(options.markers, layout.names)]

@@ -44,6 +44,8 @@ class MarkerChoice(NamedTuple):
     finds_side : bool
         Whether the side of the paper's markers without labels is searched by their shape, where
         nothing says it: for seconds where kernels are plain Python.
+    may_be_both : bool
+        Whether both hands can be asked for, where a note names what else there is.
     """
 
     reading: ReadingOptions = ReadingOptions()
@@ -52,6 +54,7 @@ class MarkerChoice(NamedTuple):
     layout: MarkerLayout | None = None
     has_labels: bool | None = True
     finds_side: bool = False
+    may_be_both: bool = True
 
 
 class RecordedMarkers(NamedTuple):
@@ -221,8 +224,8 @@ def _left_out(recording: PointRecording, choice: MarkerChoice,
     notes = []
     if choice.side is None and names_other_hand(recording, chosen[0].side):
         other = OTHER_SIDE[chosen[0].side]
-        notes.append(f'labels name a {other} hand, too, which is left out (--side {other}, or '
-                     'both)')
+        notes.append(f'labels name a {other} hand, too, which is left out (--side {other}'
+                     + (', or both)' if choice.may_be_both else ')'))
     subjects: dict[HandLabel, list[str]] = {}
     for label, point in zip(recording.labels, hand_labels(recording.labels,
                                                           recording.is_landmarks)):

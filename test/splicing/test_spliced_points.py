@@ -105,6 +105,22 @@ def test_the_command_takes_bodies_of_markers_and_refuses_the_wrong_output(tmp_pa
     assert 'in cm, as the wrist moves' in said and 'unsure' not in said
 
 
+def test_a_file_with_both_hands_is_spliced_where_it_is_named_twice(tmp_path, capsys):
+    right, left = (swayed(hand_recording(480, side, start=100)) for side in ('right', 'left'))
+    write_recording(tmp_path / 'both.c3d', right._replace(
+        labels=right.labels + left.labels, points=np.concatenate((right.points, left.points), 1)))
+    wrists = np.concatenate((right.points[:, :1], left.points[:, :1]), 1) + np.float32(.02)
+    write_recording(tmp_path / 'body.c3d', right._replace(labels=('RWRA', 'LWRA'), points=wrists))
+    body, hands, output = (str(tmp_path / name) for name in ('body.c3d', 'both.c3d', 'out.c3d'))
+    assert main(['splice', body, hands, '-o', output]) == 0
+    assert 'labels name a left hand, too, which is left out (--side left)' in (
+        capsys.readouterr().err)
+    assert not any(label.startswith('left_') for label in read_recording(output).labels)
+    assert main(['splice', body, hands, hands, '-o', output]) == 0
+    assert 'left out' not in capsys.readouterr().err
+    assert {'right_index_pip', 'left_index_pip'} <= set(read_recording(output).labels)
+
+
 def test_a_body_of_markers_is_a_skeleton_in_motion_too(simulated, tmp_path):
     body, recording, tracked = simulated
     wrist = marker_wrist(recording, 'right')
