@@ -334,7 +334,7 @@ class InputMonitor:
             return f'no markers on {self._topic} for {now - self._received:.0f} s: {why}'
         if situation == 'unlabelled':
             found = filter(None, (self._others(), self._wanted(range(len(self.labels.names)))))
-            return (f'messages on {self._topic} have held no marker of the hand for '
+            return (f'{self.names.messages} {self._topic} have held no marker of the hand for '
                     f'{self.quiet_for(now):.0f} s: {"; ".join(found)}')
         if (fault := self.side_fault()) is not None and situation == 'mirrored':
             return fault

@@ -25,6 +25,8 @@ class SettingNames(NamedTuple):
         That of the frame of the markers.
     marker : str
         How a marker is told of, by its {label} in the messages and its {name}.
+    messages : str
+        What the markers come in, before the name of the topic or the file.
     """
 
     scale: str
@@ -34,6 +36,7 @@ class SettingNames(NamedTuple):
     hand: str
     frame: str
     marker: str = "'{label}' ({name})"
+    messages: str = 'messages on'
 
 
 PARAMETER_NAMES = SettingNames(
@@ -44,7 +47,8 @@ BAG_OPTION_NAMES = SettingNames(
     '--unit-scale (1 for metres, 0.001 for millimetres)', '--label', '--label {}=NAMESPACE/ID',
     '--side {}', '--hand', '--frame')
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
-    scale='--units', labels='--markers', label='--markers {}=LABEL', marker='{name}')
+    scale='--units', labels='--markers', label='--markers {}=LABEL', marker='{name}',
+    messages='frames of')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
                             r'|(units|up|side|handed|layout|markers|frame-rate|subject)'

@@ -714,7 +714,7 @@ def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
     said = capsys.readouterr()
     assert '300 of 900 frames tracked, the others are not written' in said.out
     assert 'never seen so far: thumb; ' in said.err
-    assert 'on take.c3d have held no marker of the hand' in said.err
+    assert 'frames of take.c3d have held no marker of the hand' in said.err
     assert "'7'" not in said.err and '/markers' not in said.err
     assert 'no hand file: markers count as at the joints' in said.err
 
