@@ -53,6 +53,14 @@ def test_track_bag(tmp_path):
     assert np.isfinite(np.array(rows, dtype=float)).all()
 
 
+def test_track_bag_says_in_a_line_what_it_does_not_read(tmp_path):
+    (tmp_path / 'take.c3d').write_bytes(b'none')
+    done = subprocess.run([sys.executable, REPOSITORY / 'examples/track_bag.py', 'take.c3d'],
+                          cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
+    assert "track_bag: take.c3d: unknown extension '.c3d'; expected" in done.stderr
+
+
 def test_mujoco_hand(tmp_path):
     pytest.importorskip('mujoco')
     frames, error = run('mujoco_hand', tmp_path)[:2]
