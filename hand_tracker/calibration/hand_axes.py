@@ -131,15 +131,17 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     return float(np.clip(weights[clear > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
 
 
-def side_by_shape(recording: PointRecording) -> str:
+def side_by_shape(recording: PointRecording, named: Mapping[str, int]) -> str:
     """Return the side of a hand that its shape decides, empty where it does not.
 
     Parameters
     ----------
     recording : PointRecording
+    named : mapping of str to int
+        Column of each landmark that the labels do not tell.
     """
     hands = {hand.side: hand.columns for hand in hands_of(recording)}
-    right = side_likelihood(recording, HandPoints('', hands.get('', {})))
+    right = side_likelihood(recording, HandPoints('', {**hands.get('', {}), **named}))
     return 'right' if right > SURE else 'left' if right < 1. - SURE else ''
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +62,11 @@ class ChosenMarkers(NamedTuple):
         """Names of the markers that are not there."""
         return tuple(name for name, columns in zip(self.layout.names, self.columns)
                      if not columns)
+
+    def columns_of(self, names: Collection[str]) -> dict[str, int]:
+        """Return the columns of some markers by the places where they are worn."""
+        return {place: columns[0] for name, place, columns in zip(
+            self.layout.names, self.layout.places, self.columns) if name in names and columns}
 
 
 def choose_markers(recording: PointRecording, side: str | None = None,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.hand_axes import is_body, likelier_unit, mirrored_hands
+from ..calibration.hand_axes import is_body, likelier_unit, mirrored_hands, side_by_shape
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
@@ -136,7 +136,10 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     if not given and recording.format == BVH.name and is_body(recording):
         return shlex.join([*spliced, _output(path, f'_hands{BVH.suffixes[0]}')])
     try:
-        side = choose_markers(recording, names=given).side
+        chosen = choose_markers(recording, names=given)
+        side = chosen.side
+        if given and not (side or recording.side):
+            side = side_by_shape(recording, chosen.columns_of(given))
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
         if not given and is_body_of_markers(recording):

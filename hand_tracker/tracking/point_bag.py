@@ -114,8 +114,10 @@ class PointBag(Bag):
         self.is_landmarks = recording.is_landmarks
         self.has_labels = (
             any(recording.labels) if choice.has_labels is None else choice.has_labels)
+        named: dict[str, int] = {}
         if self.has_labels:
             chosen = _chosen_hands(recording, choice)
+            named = chosen[0].columns_of(choice.names)
             self.notes += _left_out(recording, choice, chosen)
             self.hands, self._heads = _labelled_hands(chosen)
             self._points = np.concatenate(
@@ -146,7 +148,7 @@ class PointBag(Bag):
             if choice.finds_side:
                 self._find_side()
         elif not hand.side:
-            by_shape = side_by_shape(recording)
+            by_shape = side_by_shape(recording, named)
             self.hands = (hand._replace(side=choice.side or by_shape),)
             if by_shape and choice.side is None:
                 self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)

@@ -203,6 +203,18 @@ def test_a_side_that_is_asked_for_counts_more_than_the_shape(tmp_path):
                  str(tmp_path / 'angles.csv')]) == 1
 
 
+@pytest.mark.parametrize('side', SIDES)
+def test_the_side_of_markers_that_are_named_is_found_by_shape(side, tmp_path, capsys):
+    labels = tuple(f'P{row}' for row in range(8))
+    path, out = str(tmp_path / 'take.c3d'), str(tmp_path / 'angles.csv')
+    write_recording(path, hand_recording(1800, side, labels))
+    named = '--markers', ','.join(map('='.join, zip(MARKERS, labels)))
+    assert main(['track', path, '-o', out, *named]) == 0
+    assert f'a {side} hand, as its fingers bend (--side)' in capsys.readouterr().err
+    assert main(['inspect', path, *named]) == 0
+    assert f' --side {side} --markers wrist=P0,' in capsys.readouterr().out.splitlines()[-1]
+
+
 @pytest.mark.parametrize('labelled', [True, False])
 def test_a_side_that_the_file_says_counts_more_than_the_shape(labelled, tmp_path):
     right = hand_recording(1800)
