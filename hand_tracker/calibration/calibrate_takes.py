@@ -14,12 +14,14 @@ from ..drawing.fit_picture import FittedPose, save_fit_picture
 from ..files.hand_file import save_hand
 from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..progress import Progress, bar
+from .angle_uncertainty import angle_uncertainty, uncertainty_lines, uncertainty_range
 from .coverage import Covered, coverage
 from .fit import fit_hand
 from .fit_report import FitReport, average_rate, report_fit
 from .fitted_hand import place_mounted
 from .full_layout import fitted_layout
 from .joint_centres import are_joint_centres, landmark_frames
+from .layout_names import names_in_layout
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .take_checks import check_takes
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -77,8 +79,13 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         print('\n'.join(report.lines()), file=sys.stderr)
         raise
     covered = coverage(fit.postures)
-    lines = [report.verdict(), '', *report.lines(), '', *_coverage_lines(covered)]
-    worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)
+    if layout is None or layout.names == MARKERS:
+        worn, names = fit.layout, fit.worn
+    else:
+        worn, (names, _) = fitted_layout(fit, layout), names_in_layout(layout)
+    deviations = angle_uncertainty(fit.hand.as_right(), worn, _columns(gathered, names), rate)
+    lines = [f'{report.verdict()}; {uncertainty_range(deviations)}', '', *report.lines(), '',
+             *uncertainty_lines(deviations), '', *_coverage_lines(covered)]
     save_hand(output, fit.hand, worn)
     with open(output, 'a', encoding='utf-8') as file:
         file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
@@ -108,6 +115,13 @@ def _fit_with_progress(gathered: Gathered, side: str, limits: str,
         for _ in Progress(2 * FIT_STEPS, 'fits of a digit').over(iter(steps.get, False)):
             pass
         return found.result()
+
+
+def _columns(gathered: Gathered, names: Sequence[str]) -> np.ndarray:
+    """Return the markers of some names, (T, n, 3), NaN of those that the takes do not have [m]."""
+    none = np.full((len(gathered.points), 3), np.nan)
+    return np.stack([gathered.points[:, gathered.names.index(name)]
+                     if name in gathered.names else none for name in names], axis=1)
 
 
 def _coverage_lines(covered: list[Covered]) -> Iterator[str]:

@@ -12,10 +12,12 @@ from ..core.model.hand import (
     DIGITS,
     FINGER_BONES_OF_LENGTH,
     FINGERS,
+    FLEXION_JOINTS,
     MEAN_LENGTH,
     THUMB_BONES_OF_LENGTH,
     THUMB_COUPLING,
     Hand,
+    preset_limits,
 )
 from ..core.model.kinematics import digit_base
 from .digit_chain import (
@@ -117,10 +119,14 @@ def digit_posture(hand: Hand, digit: int, links: np.ndarray) -> PosturePrior:
     """
     if DIGITS[digit] in FINGERS:
         return FINGER_POSTURE
+    lower, upper = THUMB_POSTURE.lower.copy(), THUMB_POSTURE.upper.copy()
+    if len(links) == 1:
+        # One marker does not tell the flexions apart: none leaves the usual range without need.
+        lower[1:], upper[1:] = preset_limits('paper')[FLEXION_JOINTS[digit]].T
     tilt = digit_base(hand, digit)[2]
     shift = np.array((0., tilt, 0., 0.))
     mean, spread, lower, upper = (THUMB_POSTURE.mean + shift, THUMB_POSTURE.spread,
-                                  THUMB_POSTURE.lower + shift, THUMB_POSTURE.upper + shift)
+                                  lower + shift, upper + shift)
     if (links == 0).any() and (links > 0).any():
         mean, spread, lower, upper = (np.append(usual, aside) for usual, aside in zip(
             (mean, spread, lower, upper), MCP_ABDUCTION_POSTURE))

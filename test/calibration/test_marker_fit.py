@@ -7,6 +7,7 @@ import pytest
 from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN_PLACES, simulated_take
 
+from hand_tracker.calibration.angle_uncertainty import angle_uncertainty
 from hand_tracker.calibration.fit_report import (
     FitReport,
     FittedParameter,
@@ -193,6 +194,26 @@ def test_zero_of_the_thumb_moves_only_to_keep_its_range_within_the_limits():
         inside = np.mean((angles[:, THUMB_COLUMNS[0]] > hand.limits[THUMB_COLUMNS[0], 0])
                          & (angles[:, THUMB_COLUMNS[0]] < hand.limits[THUMB_COLUMNS[0], 1]))
         assert inside > .97
+
+
+def test_one_marker_on_the_thumb_does_not_widen_what_it_does_not_tell():
+    # Wider limits let its CMC take over the flexion of the others, against the true ones.
+    take, _ = simulated_take(LARGE, WORN_PLACES, motions=('range_of_motion',))
+    fit = fit_markers([take])
+    np.testing.assert_allclose(
+        fit.hand.thumb_rest_direction, LARGE.thumb_rest_direction, atol=1e-9)
+    paper = preset_limits('paper')[THUMB_COLUMNS[3:]]
+    assert (np.abs(fit.hand.limits[THUMB_COLUMNS[3:]] - paper) < np.radians(6.)).all()
+    spelling, angles = simulated_take(LARGE, WORN_PLACES, motions=('spelling',))
+    tracker = HandTracker(fit.hand, fit.layout)
+    found = np.array([tracker.update(frame, i / spelling.rate).angles
+                      for i, frame in enumerate(spelling.points)])
+    for joint in THUMB_COLUMNS:
+        if np.ptp(angles[:, joint]) > .1:
+            assert np.corrcoef(found[:, joint], angles[:, joint])[0, 1] > .7, JOINTS[joint]
+    told = angle_uncertainty(fit.hand, fit.layout, spelling.points, spelling.rate)
+    errors = np.sqrt(np.mean((found - angles) ** 2, axis=0))
+    assert (errors < 2. * told)[told > 0.].all()
 
 
 def test_eight_markers_alone_tell_the_length_and_little_else():
