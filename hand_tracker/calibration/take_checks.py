@@ -9,7 +9,7 @@ from .hand_faults import KNUCKLE_DISTANCE, UNITS, bend_to_back, unit_of
 from .marker_fit import split_palm
 from .palm_template import ELSEWHERE, OUT_OF_SHAPE, TOLD_SHARE, PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
-from .worn_markers import worn_names
+from .worn_markers import PAPER_PALM, worn_names
 
 LEAST_DURATION = 5.              # [s] of all takes together
 KNUCKLES = 'index_mcp', 'little_mcp'
@@ -69,6 +69,10 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
             _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
     _check_side(named, side, gathered, worn, local, LEAST_MOTION)
     weak = _check_motion(named, gathered, worn, local)
+    others = [f'{name} for {place}' for name, place in zip(worn, PAPER_PALM) if name != place]
+    if others and not gathered.usual:   # else all markers are tracked
+        weak.append(f'the palm of the hand file has {", ".join(others)}: what is tracked has to '
+                    'have these markers, too')
     if out_of_shape > TOLD_SHARE:
         weak.append('markers of the palm are not at their distances in '
                     f'{out_of_shape:.0%} of the frames, which are left out: a ghost, or the '

@@ -25,8 +25,8 @@ def worn_names(markers: tuple[NamedMarker, ...], palm: dict[str, np.ndarray]) ->
     Returns
     -------
     tuple of str
-        Where wrist or a knuckle is missing or not rigid, the three palm markers of the widest
-        triangle.
+        Where the wrist's is missing or not rigid, another that makes the widest triangle with the
+        knuckles; where a knuckle's is, the three palm markers of the widest triangle of all.
     """
     names = [marker.name for marker in markers]
     corners = PAPER_PALM if all(name in palm for name in PAPER_PALM) else _widest(palm)
@@ -43,7 +43,10 @@ def _widest(palm: dict[str, np.ndarray]) -> tuple[str, str, str]:
     def normal(names: tuple[str, ...]) -> np.ndarray:
         return np.cross(palm[names[2]] - palm[names[0]], palm[names[1]] - palm[names[0]])
 
-    three = max(combinations(palm, 3), key=lambda names: float(np.linalg.norm(normal(names))))
+    able = list(combinations(palm, 3))
+    knuckles = set(PAPER_PALM[1:])
+    three = max([names for names in able if knuckles < set(names)] or able,
+                key=lambda names: float(np.linalg.norm(normal(names))))
     proximal = min(three, key=lambda name: palm[name][0])
     first, second = (name for name in three if name != proximal)
     # As r, p and q of the tracker: seen from the back of the hand p is on the thumb's side of q.
