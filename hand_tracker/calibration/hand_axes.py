@@ -106,6 +106,11 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     lateral = index - little
     dorsal, distal = np.zeros_like(lateral), np.zeros_like(lateral)
     beyond = CHAIN_PLACES[CHAIN_PLACES.index(base) + 1:]
+    for place in beyond:
+        if f'index_{place}' in points and f'little_{place}' in points:
+            outer = points[f'index_{place}'] - points[f'little_{place}']
+            if np.mean(np.einsum('ti,ti->t', outer, lateral) < 0.) > .5:
+                return .5   # exchanged labels, of knuckles say, mirror a hand
     for finger in FINGERS:
         chain = [points[name] for name in (f'{finger}_{place}' for place in CHAIN_PLACES)
                  if name in points]

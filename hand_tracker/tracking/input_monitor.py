@@ -460,4 +460,7 @@ class InputMonitor:
         absent = np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
         never = [slot for slot in absent.tolist() if self.labels.labels[slot]]
         if never:
-            self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
+            most = len(self.labels.names) / 2.
+            doubt = '; are the markers of another layout?' if len(never) > most else ''
+            self.warn_once('never', f'never seen so far: {self._expected(never)}; '
+                           f'{self._others()}{doubt}')

@@ -18,6 +18,7 @@ from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.fit_check import FIT_AFTER, OFF_HAND_AFTER, REFIT_AFTER
 from hand_tracker.tracking.input_monitor import (
+    NEVER_SEEN_AFTER,
     SENDS_NOTHING,
     SILENT_AFTER,
     STANDING_STAMPS,
@@ -360,6 +361,15 @@ def test_does_not_miss_a_marker_that_is_not_worn():
         hand.feed(i / 10., hidden(7))
         lines += hand.said(i / 10.)
     assert lines == ['tracking']
+
+
+def test_a_layout_most_of_whose_markers_never_come_is_doubted():
+    for hidden_slots, is_doubted in ((range(3, 8), True), (range(5, 8), False)):
+        hand = Input()
+        for now in np.arange(0., NEVER_SEEN_AFTER + .2, .1):
+            hand.feed(now, hidden(*hidden_slots))
+        line, = (line for line in hand.said(now) if line.startswith('never seen so far'))
+        assert line.endswith('; are the markers of another layout?') == is_doubted
 
 
 def test_says_each_cause_once():

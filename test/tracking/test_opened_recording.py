@@ -84,6 +84,13 @@ def test_the_shape_of_a_hand_tells_its_side(side):
     assert (right if side == 'right' else 1. - right) > .9
 
 
+def test_exchanged_knuckles_make_no_hand_of_the_other_side():
+    places = list(PAPER_PLACES)
+    places[1], places[2] = places[2], places[1]
+    recording = hand_recording(400, labels=places)
+    assert side_likelihood(recording, hands_of(recording)[0]) == .5
+
+
 @pytest.mark.parametrize('unit, size', [('m', 1.), ('dm', 10.), ('cm', 100.), ('mm', 1000.)])
 def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
     recording = hand_recording(400)
