@@ -8,7 +8,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from ..core.model.hand import FLEXION_JOINTS, WEARER_LIMITS
+from ..core.model.hand import FINGERS, FLEXION_JOINTS, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..drawing.fit_picture import FittedPose, save_fit_picture
 from ..files.hand_file import save_hand
@@ -27,6 +27,7 @@ from .take_checks import check_takes
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 
 COVERAGE_BAR = 20          # [characters]
+MOST_BEND = 113.          # [degrees] of a PIP in a take, with the margin of its range; ours
 PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, by flexion [1]
 
 
@@ -85,7 +86,8 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         worn, (names, _) = fitted_layout(fit, layout), names_in_layout(layout)
     deviations = angle_uncertainty(fit.hand.as_right(), worn, _columns(gathered, names), rate)
     lines = [f'{report.verdict()}; {uncertainty_range(deviations)}', '', *report.lines(), '',
-             *uncertainty_lines(deviations), '', *_coverage_lines(covered)]
+             *_unusual_bends(fit.hand), *uncertainty_lines(deviations), '',
+             *_coverage_lines(covered)]
     save_hand(output, fit.hand, worn)
     with open(output, 'a', encoding='utf-8') as file:
         file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
@@ -122,6 +124,14 @@ def _columns(gathered: Gathered, names: Sequence[str]) -> np.ndarray:
     none = np.full((len(gathered.points), 3), np.nan)
     return np.stack([gathered.points[:, gathered.names.index(name)]
                      if name in gathered.names else none for name in names], axis=1)
+
+
+def _unusual_bends(hand: Hand) -> list[str]:
+    """Return a line on fingers whose PIP is fitted as bent farther than it can be, if any."""
+    bends = np.degrees(hand.range_of_motion[FLEXION_JOINTS[:len(FINGERS), 1], 1])
+    named = [f'{finger} {bend:.0f}' for finger, bend in zip(FINGERS, bends) if bend > MOST_BEND]
+    return [f'bent farther than a PIP bends, degrees: {", ".join(named)}; are the markers on the '
+            'back of the joints, not at them, and their labels right?', ''] if named else []
 
 
 def _coverage_lines(covered: list[Covered]) -> Iterator[str]:

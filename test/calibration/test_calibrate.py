@@ -82,6 +82,13 @@ def test_a_recording_of_two_hands_is_refused_unless_labels_tell_them_apart(tmp_p
     assert main([path, *labels, '--side', 'left', '-o', str(tmp_path / 'hand.yaml')]) == 0
 
 
+def test_markers_at_the_joints_are_doubted_as_fingers_would_bend_too_far(tmp_path, capsys):
+    assert main([str(packaged_recording()), '-o', str(tmp_path / 'hand.yaml')]) == 0
+    said = capsys.readouterr().out
+    assert 'bent farther than a PIP bends, degrees: index 1' in said
+    assert 'its angles have standard deviations of ' in said
+
+
 def test_what_is_no_take_is_told_what_would_be_one(tmp_path, capsys):
     (tmp_path / 'notes.txt').touch()
     for name, fault in (('absent.mcap', 'no such file or folder'),
