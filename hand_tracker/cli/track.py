@@ -93,6 +93,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
                         'made with the same options')
     parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
                         'columns of the table, or as /tf')
+    parser.add_argument('--quality', action='store_true', help='write into the table, too, the '
+                        'standard deviation of each angle, and how far each seen marker is off '
+                        'the hand')
     add_motion_options(parser)
     return parser.parse_args(args)
 

@@ -73,6 +73,8 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     output = options.output
     require_suffix(output, TRACKED_KINDS)
     kind = output.suffix.lower()
+    if options.quality and kind != TABLE:
+        raise BagError(f'{output}: --quality adds columns to a table; expected a name with {TABLE}')
     if kind == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))
@@ -85,7 +87,8 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
             wrists = prefixes if options.side == BOTH else ['']
             save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
                                 for frames in job.frames()), prefixes,
-                       wrists if options.wrist else ())
+                       wrists if options.wrist else (),
+                       job.layout.names if options.quality else ())
         else:
             tracked = collect_hands(job.frames(), job.hands)
             save_motion(output, tracked if options.side == BOTH else tracked.hands[0],

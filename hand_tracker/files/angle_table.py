@@ -24,7 +24,7 @@ class TableError(HandTrackerError):
 def write_angle_table(
         path: str | PathLike[str], joints: Sequence[str],
         rows: Iterable[tuple[float, ArrayLike, Sequence[float]]],
-        wrists: Sequence[str] = ()) -> None:
+        wrists: Sequence[str] = (), others: Sequence[str] = ()) -> None:
     """Write an angle table row by row, to a temporary file that is renamed at the end.
 
     Parameters
@@ -33,10 +33,12 @@ def write_angle_table(
         Replaced if it exists.
     joints : sequence of str, length n
     rows : iterable of (float, array_like, sequence of float)
-        Time [s], n angles [rad], and the pose of each wrist: position [m] and quaternion
-        x, y, z, w.
+        Time [s], n angles [rad], and the other numbers: of each wrist position [m] and quaternion
+        x, y, z, w, then those of `others`.
     wrists : sequence of str, optional
         For each wrist what its columns' names begin with.
+    others : sequence of str, optional
+        Names of the last columns.
 
     Raises
     ------
@@ -49,9 +51,10 @@ def write_angle_table(
     with folder_beside(path, TableError) as scratch:
         unfinished = scratch / path.name
         with open(unfinished, 'w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerow([TIME_COLUMN, *(f'{joint}_deg' for joint in joints), *poses])
-            line = ','.join(
-                ['%.6f', *['%.3f'] * len(joints), *['%.6f'] * len(poses)]) + '\r\n'
-            for seconds, angles, pose in rows:
-                file.write(line % (seconds, *np.degrees(angles).tolist(), *pose))
+            csv.writer(file).writerow(
+                [TIME_COLUMN, *(f'{joint}_deg' for joint in joints), *poses, *others])
+            line = ','.join(['%.6f', *['%.3f'] * len(joints), *['%.6f'] * len(poses),
+                             *['%.3f'] * len(others)]) + '\r\n'
+            for seconds, angles, numbers in rows:
+                file.write(line % (seconds, *np.degrees(angles).tolist(), *numbers))
         os.replace(unfinished, path)

@@ -268,7 +268,8 @@ def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
 
 
 def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
-               prefixes: Sequence[str], wrists: Sequence[str] = ()) -> None:
+               prefixes: Sequence[str], wrists: Sequence[str] = (),
+               markers: Sequence[str] = ()) -> None:
     """Write tracked frames of several hands, see `save`.
 
     A table has NaN for a hand that a frame has not, a recording leaves it out.
@@ -283,27 +284,37 @@ def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
     wrists : sequence of str
         Of each hand what the table's columns of its wrist's pose begin with; where empty, the
         poses are not written.
+    markers : sequence of str
+        Names of each hand's markers whose distances from it a table has, NaN of hidden ones, and
+        with them the standard deviation of each angle; where empty, it has neither.
     """
     path = Path(path)
     if path.suffix.lower() == TABLE:
         joints = [prefix + joint for prefix in prefixes for joint in JOINTS]
-        write_angle_table(path, joints, _rows(frames, prefixes, bool(wrists)), wrists)
+        quality = [name for prefix in prefixes if markers for name in (
+            *(f'{prefix}{joint}_sd_deg' for joint in JOINTS),
+            *(f'{prefix}{marker}_residual_mm' for marker in markers))]
+        write_angle_table(path, joints, _rows(frames, prefixes, bool(wrists), len(markers)),
+                          wrists, quality)
     else:
         write_bag(path, _messages(frames, bool(wrists)))
 
 
 def _rows(frames: Iterable[Mapping[str, RecordedFrame]], prefixes: Sequence[str],
-          has_wrists: bool) -> Iterator[tuple[float, np.ndarray, list[float]]]:
+          has_wrists: bool, markers: int) -> Iterator[tuple[float, np.ndarray, list[float]]]:
     first = None
     for tracked in frames:
         stamp = next(iter(tracked.values())).stamp
         first = stamp if first is None else first
         states = [tracked[prefix].state if prefix in tracked else None for prefix in prefixes]
-        poses = [number for state in states for number in (
+        numbers = [number for state in states for number in (
             [np.nan] * POSE_SIZE if state is None else _pose(state))] if has_wrists else []
+        if markers:
+            numbers += [number for state in states for number in (
+                [np.nan] * (len(JOINTS) + markers) if state is None else _quality(state))]
         yield 1e-9 * (stamp - first), np.concatenate(
             [np.full(len(JOINTS), np.nan) if state is None else state.angles
-             for state in states]), poses
+             for state in states]), numbers
 
 
 def _messages(frames: Iterable[Mapping[str, RecordedFrame]],
@@ -326,6 +337,11 @@ def _messages(frames: Iterable[Mapping[str, RecordedFrame]],
                 transforms = {frame_ids: transforms_template(frame_ids)}
             yield BagMessage('/tf', TF, recorded, transforms[frame_ids].fill(
                 stamp, np.concatenate([_pose(frame.state) for frame in tracked.values()])))
+
+
+def _quality(state: HandState) -> list[float]:
+    """Return the deviations of the angles [degrees], and the markers' residuals [mm]."""
+    return [*np.degrees(state.deviation).tolist(), *(1e3 * state.residuals).tolist()]
 
 
 def _pose(state: HandState) -> tuple[float, ...]:

@@ -130,6 +130,24 @@ def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, 
     assert list(tmp_path.iterdir()) == [output]
 
 
+def test_a_table_tells_how_well_each_angle_is_known(recording, bag, tmp_path, capsys):
+    output = tmp_path / 'out.csv'
+    assert main([str(bag), '-o', str(output), GIVEN_SIZE, '--wrist', '--quality']) == 0
+    header, table = read_table(output)
+    assert header[33:] == [*(f'right_{joint}_sd_deg' for joint in JOINTS),
+                           *(f'right_{marker}_residual_mm' for marker in MARKERS)]
+    states = states_of(recording)
+    residuals = np.array([state.residuals for state in states])
+    assert np.isnan(residuals).any() and np.isfinite(residuals).any()
+    assert np.allclose(table[:, 33:58], np.degrees([state.deviation for state in states]),
+                       rtol=0, atol=1.01 * HALF_MILLIDEGREE)
+    assert np.allclose(table[:, 58:], 1e3 * residuals, rtol=0, atol=6e-4, equal_nan=True)
+    capsys.readouterr()
+    assert main([str(bag), '-o', str(tmp_path / 'out.mcap'), '--quality']) == 1
+    assert '--quality adds columns to a table; expected a name with .csv' in (
+        capsys.readouterr().err)
+
+
 def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
     recordings = {side: part._replace(stamps=part.stamps[:60], markers=part.markers[850:910],
                                       angles=part.angles[850:910])
@@ -137,6 +155,13 @@ def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
     recordings['left'].markers[20:30] = np.nan  # not in the messages at all
     write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
     arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN_SIZE, '-o']
+    assert main([*arguments, str(tmp_path / 'quality.csv'), '--quality']) == 0
+    columns, quality = read_table(tmp_path / 'quality.csv')
+    left = columns.index('left_index_cmc_flexion_sd_deg')
+    assert [columns[left - 1], columns[-1]] == [
+        f'{side}_thumb_residual_mm' for side in ('right', 'left')]
+    assert np.isnan(quality[20:30, left:]).all() and np.isfinite(quality[20:30, left - 33]).all()
+    capsys.readouterr()
     assert main([*arguments, str(tmp_path / 'out.csv')]) == 0
     said = capsys.readouterr().out
     # The right hand's palm is there in each.
