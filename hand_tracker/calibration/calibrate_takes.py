@@ -23,6 +23,7 @@ from .full_layout import fitted_layout
 from .joint_centres import are_joint_centres, landmark_frames
 from .layout_names import names_in_layout
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
+from .ruler import UNMEASURED, Ruler
 from .take_checks import check_takes
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 
@@ -32,7 +33,8 @@ PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, 
 
 
 def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEARER_LIMITS,
-                    picture: Path | None = None, layout: MarkerLayout | None = None) -> str:
+                    picture: Path | None = None, layout: MarkerLayout | None = None,
+                    ruler: Ruler = UNMEASURED) -> str:
     """Fit a hand to takes, print the report, and write hand file and picture.
 
     Parameters
@@ -48,6 +50,8 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     layout : MarkerLayout, optional
         Whose markers the takes have, and the hand file gets; when left out it gets the paper's
         eight.
+    ruler : Ruler, optional
+        What was measured of the hand and its markers.
 
     Returns
     -------
@@ -66,8 +70,11 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     require_writable(picture, PICTURE_SUFFIXES)
     for weak in check_takes(takes):
         print(f'note: {weak}', file=sys.stderr)
-    gathered = gather(takes)
+    gathered = gather(takes, ruler)
     if are_joint_centres(gathered):
+        if ruler != UNMEASURED:
+            print('note: what a ruler says is not used, as joints tell all lengths',
+                  file=sys.stderr)
         joints = landmark_frames(gathered) * takes[0].mirror
         save_hand(output, fit_hand(joints, takes[0].side, limits), layout or MarkerLayout())
         return (f'{output}: a hand with markers at its joints, as these are no markers on '

@@ -12,7 +12,7 @@ from .palm_template import ELSEWHERE
 
 # Distance of markers from a digit's first joint, in that of the straight digit's farthest one as it
 # is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. Ours.
-REACH, REACH_MARGIN = 1.25, .01
+MARKER_REACH, MARKER_REACH_MARGIN = 1.25, .01
 MOST_STRAYS = .2              # of all frames; with more, labels are wrong. Ours
 CHOSEN_FRAMES = 150
 LEAST_DISTANCE = .002         # [m] of chosen frames, in the space of the digit's markers
@@ -76,7 +76,7 @@ def within_reach(problem: DigitProblem) -> DigitProblem:
     straight = place_markers(problem.chain, shape, np.zeros((1, len(problem.posture.mean))))[0]
     farthest = np.linalg.norm(straight - shape[ROOT_PART], axis=1).max()
     is_beyond = np.linalg.norm(problem.points - shape[ROOT_PART], axis=2) > (
-        REACH * farthest + REACH_MARGIN)
+        MARKER_REACH * farthest + MARKER_REACH_MARGIN)
     return problem._replace(points=np.where(is_beyond[..., None], np.nan, problem.points))
 
 

@@ -29,9 +29,11 @@ from .digit_chain import (
     Chain,
 )
 from .marker_residuals import PosturePrior, ShapePrior
+from .ruler import UNMEASURED, Ruler
 
 # Share of the hand's length by which proportions differ between people [1].
 BONE_SPREAD = .08
+MEASURED_BONE_SPREAD = .04       # within a finger of a length by a ruler
 # Of a knuckle beside the place below its marker, and beside the mean hand's [m].
 MARKED_ROOT_SPREAD = (.004, .002, .003)
 UNMARKED_ROOT_SPREAD = (.006, .004, .004)
@@ -134,7 +136,7 @@ def digit_posture(hand: Hand, digit: int, links: np.ndarray) -> PosturePrior:
 
 
 def digit_prior(hand: Hand, digit: int, marked: Marked, length: float,
-                knuckle: np.ndarray | None) -> ShapePrior:
+                knuckle: np.ndarray | None, ruler: Ruler = UNMEASURED) -> ShapePrior:
     """Return the usual shape of a digit.
 
     Parameters
@@ -149,6 +151,7 @@ def digit_prior(hand: Hand, digit: int, marked: Marked, length: float,
     knuckle : ndarray, shape (3,), optional
         Place of the marker over the digit's root, in the palm's frame; one that rides on the
         digit, its median [m].
+    ruler : Ruler, optional
 
     Returns
     -------
@@ -157,19 +160,24 @@ def digit_prior(hand: Hand, digit: int, marked: Marked, length: float,
     is_thumb = DIGITS[digit] not in FINGERS
     size = FIRST_OFFSET + 4 * len(marked.links)
     mean, spread = np.zeros(size), np.zeros(size)
-    heights = np.multiply(THUMB_HEIGHTS if is_thumb else FINGER_HEIGHTS, length / MEAN_LENGTH)
+    heights = ruler.raised + np.multiply(
+        THUMB_HEIGHTS if is_thumb else FINGER_HEIGHTS, length / MEAN_LENGTH)
     if is_thumb:
         mean[ROOT_PART], spread[ROOT_PART] = hand.thumb_cmc, THUMB_ROOT_SPREAD
     elif knuckle is None:
         mean[ROOT_PART], spread[ROOT_PART] = hand.finger_mcp[digit], UNMARKED_ROOT_SPREAD
     else:
         rides = marked.knuckles.any()
-        mean[ROOT_PART] = knuckle - (RIDING_OFFSET if rides else 0., 0., KNUCKLE_HEIGHT)
+        mean[ROOT_PART] = knuckle - (
+            RIDING_OFFSET if rides else 0., 0., KNUCKLE_HEIGHT + ruler.raised)
         spread[ROOT_PART] = RIDING_ROOT_SPREAD if rides else MARKED_ROOT_SPREAD
     spread[LEAN_PART] = THUMB_LEAN_SPREAD if is_thumb else FINGER_LEAN_SPREAD
     mean[BONE_PART] = np.multiply(
         THUMB_BONES_OF_LENGTH if is_thumb else FINGER_BONES_OF_LENGTH[digit], length)
     spread[BONE_PART] = BONE_SPREAD * mean[BONE_PART]
+    if ruler.fingers and not is_thumb:
+        mean[BONE_PART] *= ruler.fingers[digit] / mean[BONE_PART].sum()
+        spread[BONE_PART] = MEASURED_BONE_SPREAD * mean[BONE_PART]
     mean[COUPLING_PART] = THUMB_COUPLING if is_thumb else COUPLING_PRESETS['natural']
     spread[COUPLING_PART] = THUMB_COUPLING_SPREAD if is_thumb else COUPLING_SPREAD
     last = 2

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.model.hand import (
     DIGITS,
+    FINGERS,
     FLEXION_JOINTS,
     HAND_LENGTH_RANGE,
     WEARER_LIMITS,
@@ -43,6 +44,7 @@ from .natural_flexion import FlexionLine, fit_flexion_line
 from .palm_synergy import fit_palm_synergy
 from .palm_template import PalmFit, aligned_palm, fit_palm, rigid_poses
 from .radii import thinned
+from .ruler import RULER_SPREAD
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 from .worn_markers import worn_names
 
@@ -127,7 +129,7 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
                  done: Callable[[], None] = lambda: None) -> MarkerFit:
     """Fit a hand to gathered markers as `fit_markers`; `done` is called `FIT_STEPS` times."""
     gathered, palm = split_palm(gathered)
-    worn = worn_names(gathered.markers, palm.held)
+    worn, ruler = worn_names(gathered.markers, palm.held), gathered.ruler
     fits: list[DigitFit | None] = [None] * len(DIGITS)
     length = palm.length
     for again in range(LENGTH_ROUNDS):
@@ -143,7 +145,11 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
             if problem is not None:
                 fits[digit] = _fit_again(problem, digit, fits[digit])
             done()
-        length, deviation = hand_length(palm.length, length, fits)
+        # Bones of measured fingers are not in proportion to the hand.
+        measured = len(FINGERS) if ruler.fingers else 0
+        length, deviation = hand_length(
+            palm.length, length, fits[measured:],
+            RULER_SPREAD if ruler.length else PALM_LENGTH_SPREAD)
 
     # Frames with all markers of every digit, so that a posture is of one moment.
     whole = np.flatnonzero(np.isfinite(local).all(axis=(1, 2)))
@@ -185,7 +191,7 @@ def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
                           f'frames; expected at least {MIN_PALM_FRAMES}, of markers such as wrist, '
                           'index_mcp and little_mcp')
     palm = fit_palm([gathered.markers[i].name for i in columns], gathered.points[:, columns],
-                    gathered.usual)
+                    gathered.usual, gathered.ruler)
     markers = list(gathered.markers)
     for i, rigid in zip(columns, palm.rigid):
         if not rigid:
@@ -193,8 +199,8 @@ def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
     return gathered._replace(markers=tuple(markers)), palm
 
 
-def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]
-                ) -> tuple[float, float]:
+def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None],
+                palm_spread: float = PALM_LENGTH_SPREAD) -> tuple[float, float]:
     """Return the hand's length by its palm and by the fitted bones.
 
     A Gauss-Newton step of the length's logarithm beside all shapes, with the bones' usual lengths
@@ -205,13 +211,15 @@ def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]
     by_palm, length : float
         Length by the palm, and that of the priors of the fits [m].
     fits : sequence of DigitFit or None
+    palm_spread : float, optional
+        Of the length by the palm, as a logarithm.
 
     Returns
     -------
     length, deviation : float
         And its standard deviation [m].
     """
-    precision = PALM_LENGTH_SPREAD ** -2.
+    precision = palm_spread ** -2.
     gradient = precision * np.log(by_palm / length)
     for fit in fits:
         if fit is None:
@@ -247,7 +255,8 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
     chosen = chosen_problem(within_reach(DigitProblem(
         digit_chain(mean, digit, marked.links), local[:, columns],
         np.full(len(columns), FIRST_NOISE), digit_posture(mean, digit, marked.links),
-        digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp')),
+        digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp'),
+                    gathered.ruler),
         np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)),
         DIGITS[digit] == 'thumb', before and before.shape)
     return chosen if len(chosen.points) else None

@@ -19,6 +19,7 @@ from ..core.model.marker_layout import landmark_on_link
 from ..core.numerics.rigid_fit import nearest_rotation
 from .least_squares import evenly_spaced, least_squares
 from .marker_names import UsualPlace
+from .ruler import RULER_SPREAD, UNMEASURED, Ruler
 
 ELSEWHERE = .02     # [m] off its place, beyond which a marker is another one; ours
 # [m] that a rigid marker of the palm is off its place at most, else it is elsewhere, or another is;
@@ -61,6 +62,8 @@ class PalmFit(NamedTuple):
         Of the mean hand of best fit to the palm's markers, as for `Hand.scaled` [m].
     usual : dict of str to UsualPlace
         Of markers at no landmark.
+    ruler : Ruler
+        What was measured of the hand.
     """
 
     names: tuple[str, ...]
@@ -69,6 +72,7 @@ class PalmFit(NamedTuple):
     length: float
     breadth: float
     usual: dict[str, UsualPlace] = {}
+    ruler: Ruler = UNMEASURED
 
     @property
     def places(self) -> dict[str, np.ndarray]:
@@ -206,7 +210,7 @@ def _rigid_template(points: np.ndarray) -> np.ndarray:
 
 
 def fit_palm(names: Sequence[str], points: np.ndarray,
-             usual: dict[str, UsualPlace] | None = None) -> PalmFit:
+             usual: dict[str, UsualPlace] | None = None, ruler: Ruler = UNMEASURED) -> PalmFit:
     """Return the palm's markers in the frame of the mean hand of best fit.
 
     Parameters
@@ -217,6 +221,7 @@ def fit_palm(names: Sequence[str], points: np.ndarray,
         Of a right hand [m].
     usual : dict of str to UsualPlace, optional
         Of markers at no landmark.
+    ruler : Ruler, optional
 
     Returns
     -------
@@ -227,8 +232,9 @@ def fit_palm(names: Sequence[str], points: np.ndarray,
     template[rigid] = _rigid_template(points[:, rigid])
     template[~rigid] = np.nanmedian(to_palm(
         points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
-    return aligned_palm(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH,
-                                usual or {}))
+    return aligned_palm(
+        PalmFit(tuple(names), template, rigid, ruler.length or MEAN_LENGTH, MEAN_BREADTH,
+                usual or {}, ruler), RULER_SPREAD if ruler.length else LENGTH_SPREAD)
 
 
 def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
@@ -251,19 +257,22 @@ def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit
     anchored = [i for i, name in enumerate(palm.names) if _spread(palm, name) is not None]
     spreads = np.array([_spread(palm, palm.names[i]) for i in anchored])
 
+    breadth, breadth_spread = ((palm.ruler.breadth, RULER_SPREAD) if palm.ruler.breadth
+                               else (MEAN_BREADTH, BREADTH_SPREAD))
+
     def placed(x: np.ndarray) -> np.ndarray:
         return palm.template @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:6]
 
     def sized(x: np.ndarray) -> tuple[float, float]:
         grown = np.exp(np.clip((x[6], x[7]), -MOST_GROWTH, MOST_GROWTH))
         return (float(np.clip(palm.length * grown[0], *HAND_LENGTH_RANGE)),
-                float(np.clip(MEAN_BREADTH * grown[1], *HAND_BREADTH_RANGE)))
+                float(np.clip(breadth * grown[1], *HAND_BREADTH_RANGE)))
 
     def residuals(x: np.ndarray) -> np.ndarray:
         hand = Hand.scaled(*sized(x))
         anchors = np.array([_anchor(palm, hand, palm.names[i]) for i in anchored])
         misses = (placed(x)[anchored] - anchors) / spreads
-        return np.append(misses.ravel(), (x[6] / length_spread, x[7] / BREADTH_SPREAD))
+        return np.append(misses.ravel(), (x[6] / length_spread, x[7] / breadth_spread))
 
     mean = Hand.scaled()
     anchors = np.array([_anchor(palm, mean, palm.names[i]) for i in anchored])
@@ -271,7 +280,8 @@ def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit
     start = np.concatenate((
         Rotation.from_matrix(rotation[0]).as_rotvec(), position[0], np.zeros(2)))
     found = least_squares(residuals, start).x
-    return PalmFit(palm.names, placed(found), palm.rigid, *sized(found), palm.usual)
+    return PalmFit(palm.names, placed(found), palm.rigid, *sized(found), palm.usual,
+                   palm.ruler)
 
 
 def _spread(palm: PalmFit, name: str) -> tuple[float, float, float] | None:
@@ -292,12 +302,12 @@ def _anchor(palm: PalmFit, hand: Hand, name: str) -> np.ndarray:
     if name in palm.usual:
         landmark, offset = palm.usual[name]
         return landmark_on_link(hand, landmark)[1] + offset
-    above = np.array((0., 0., PALM_MARKER_HEIGHT))
+    above = np.array((0., 0., PALM_MARKER_HEIGHT + palm.ruler.raised))
     if name == 'wrist':
         return above
     if name == 'thumb_cmc':
         return hand.resting_thumb_cmc() + above
     if name.startswith(BACK_NAMES):
         length = hand.finger_mcp[1, 0] / MCP_OF_LENGTH[1]
-        return np.array((BACK_OF_LENGTH * length, 0., BACK_HEIGHT))
+        return np.array((BACK_OF_LENGTH * length, 0., BACK_HEIGHT + palm.ruler.raised))
     return hand.finger_mcp[FINGERS.index(name.removesuffix('_mcp'))] + above

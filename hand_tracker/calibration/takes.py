@@ -9,6 +9,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR
 from .marker_names import NamedMarker, UsualPlace, canonical_name, identify
+from .ruler import UNMEASURED, Ruler
 
 
 class InvalidTake(HandTrackerError, ValueError):
@@ -84,11 +85,14 @@ class Gathered(NamedTuple):
     points : ndarray, shape (T, M, 3)
         [m]
     usual : dict of str to UsualPlace
+    ruler : Ruler
+        What was measured besides.
     """
 
     markers: tuple[NamedMarker, ...]
     points: np.ndarray
     usual: dict[str, UsualPlace] = {}
+    ruler: Ruler = UNMEASURED
 
     @property
     def names(self) -> list[str]:
@@ -100,7 +104,7 @@ class Gathered(NamedTuple):
         return [i for i, marker in enumerate(self.markers) if marker.digit == digit]
 
 
-def gather(takes: Sequence[MarkerTake]) -> Gathered:
+def gather(takes: Sequence[MarkerTake], ruler: Ruler = UNMEASURED) -> Gathered:
     """Return the markers of several takes of one hand together."""
     found: dict[str, NamedMarker] = {}
     for take in takes:
@@ -108,4 +112,4 @@ def gather(takes: Sequence[MarkerTake]) -> Gathered:
     points = np.concatenate([take.columns(tuple(found)) * take.mirror for take in takes])
     points[~np.isfinite(points).all(axis=2)] = np.nan
     usual = {name: place for take in takes for name, place in take.usual.items()}
-    return Gathered(tuple(found.values()), points, usual)
+    return Gathered(tuple(found.values()), points, usual, ruler)

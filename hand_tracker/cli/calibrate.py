@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
-from ..core.model.hand import LIMIT_PRESETS, SIDES, WEARER_LIMITS
+from ..core.model.hand import (
+    FINGERS,
+    HAND_BREADTH_RANGE,
+    HAND_LENGTH_RANGE,
+    LIMIT_PRESETS,
+    SIDES,
+    WEARER_LIMITS,
+)
 from ..parallel import Interruptions
 from .recording_options import add_layout_option, add_marker_options, run_command
 from .reporting import CommandParser, reporting
+
+FINGER_LENGTH_RANGE, MARKER_HEIGHT_RANGE = (.04, .14), (0., .03)     # [m]
 
 
 def _calibrate(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -17,6 +27,30 @@ def _calibrate(options: argparse.Namespace, interrupted: Interruptions) -> str:
     from .calibrate_recordings import calibrate
 
     return calibrate(options, interrupted)
+
+
+def _length(allowed: tuple[float, float]) -> Callable[[str], float]:
+    """Return the parser of a length in millimetres, which returns metres."""
+    lower, upper = allowed
+
+    def parse(text: str) -> float:
+        try:
+            length = float(text) / 1e3
+        except ValueError:
+            length = float('nan')
+        if not lower <= length <= upper:
+            raise argparse.ArgumentTypeError(
+                f"'{text}'; allowed is {1e3 * lower:g} to {1e3 * upper:g} mm")
+        return length
+
+    return parse
+
+
+def _finger_lengths(text: str) -> tuple[float, ...]:
+    found = tuple(map(_length(FINGER_LENGTH_RANGE), text.split(',')))
+    if len(found) != len(FINGERS):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected four lengths, {', '.join(FINGERS)}")
+    return found
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -39,6 +73,17 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     add_layout_option(parser, "those whose labels name a place on the hand; of a recording the "
                       "paper's eight. The hand file gets all of them")
     add_marker_options(parser)
+    lengths = parser.add_argument_group('what a ruler says', 'where it was measured, in mm')
+    lengths.add_argument('--hand-length', type=_length(HAND_LENGTH_RANGE), metavar='MM',
+                         help="from the wrist's crease to the tip of the middle finger")
+    lengths.add_argument('--hand-breadth', type=_length(HAND_BREADTH_RANGE), metavar='MM',
+                         help='across the knuckles of index to little finger')
+    lengths.add_argument('--finger-lengths', type=_finger_lengths, metavar='MM,MM,MM,MM',
+                         help='index to little finger, bent: from the knuckle over the back to the '
+                         'tip')
+    lengths.add_argument('--marker-height', type=_length(MARKER_HEIGHT_RANGE), metavar='MM',
+                         help="of the markers' centres above the skin; default: as of balls of "
+                         '8 mm')
     return parser.parse_args(arguments)
 
 

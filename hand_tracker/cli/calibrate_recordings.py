@@ -10,6 +10,7 @@ import numpy as np
 
 from ..calibration.calibrate_takes import calibrate_takes
 from ..calibration.layout_names import names_in_layout
+from ..calibration.ruler import USUAL_MARKER_HEIGHT, Ruler
 from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
@@ -109,6 +110,8 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
 def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     """Fit a hand to the takes of a command line; return the closing line."""
     takes = []
+    ruler = Ruler(options.hand_length, options.hand_breadth, options.finger_lengths,
+                  USUAL_MARKER_HEIGHT if options.marker_height is None else options.marker_height)
     layout = choose_layout(options.layout) if options.layout else None
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     choice = MarkerChoice(reading_options(options), options.side,
@@ -127,4 +130,4 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
         for note in take.notes:
             print(note, file=sys.stderr)
         takes.append(take._replace(points=scale * take.points))
-    return calibrate_takes(takes, options.output, options.limits, options.picture, layout)
+    return calibrate_takes(takes, options.output, options.limits, options.picture, layout, ruler)

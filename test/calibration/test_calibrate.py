@@ -89,6 +89,24 @@ def test_markers_at_the_joints_are_doubted_as_fingers_would_bend_too_far(tmp_pat
     assert 'its angles have standard deviations of ' in said
 
 
+def test_lengths_by_a_ruler_are_in_millimetres(tmp_path, capsys):
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
+    take.save(tmp_path / 'take.npz')
+    how = [str(tmp_path / 'take.npz'), '-o', str(tmp_path / 'hand.yaml')]
+    assert main([*how, '--hand-length', '192', '--hand-breadth', '91', '--finger-lengths',
+                 '100,110,105,85', '--marker-height', '5']) == 0
+    bones = load_hand(tmp_path / 'hand.yaml')[0].finger_bones
+    np.testing.assert_allclose(bones.sum(axis=1), (.1, .11, .105, .085), atol=.004)
+    capsys.readouterr()
+    for option, value, expected in (
+            ('--hand-length', '.19', "'.19'; allowed is 100 to 260 mm"),
+            ('--finger-lengths', '100,110', "'100,110'; expected four lengths, index, middle"),
+            ('--marker-height', 'high', "'high'; allowed is 0 to 30 mm")):
+        with pytest.raises(SystemExit):
+            main([*how, option, value])
+        assert f'{option}: {expected}' in capsys.readouterr().err
+
+
 def test_what_is_no_take_is_told_what_would_be_one(tmp_path, capsys):
     (tmp_path / 'notes.txt').touch()
     for name, fault in (('absent.mcap', 'no such file or folder'),

@@ -23,8 +23,9 @@ from hand_tracker.calibration.fitted_hand import (
     measured_range,
     place_mounted,
 )
-from hand_tracker.calibration.marker_fit import fit_markers, hand_length
+from hand_tracker.calibration.marker_fit import fit_gathered, fit_markers, hand_length
 from hand_tracker.calibration.natural_flexion import fit_flexion_line
+from hand_tracker.calibration.ruler import USUAL_MARKER_HEIGHT, Ruler
 from hand_tracker.calibration.take_files import load_take
 from hand_tracker.calibration.takes import InvalidTake, gather
 from hand_tracker.core.model.hand import (
@@ -194,6 +195,25 @@ def test_zero_of_the_thumb_moves_only_to_keep_its_range_within_the_limits():
         inside = np.mean((angles[:, THUMB_COLUMNS[0]] > hand.limits[THUMB_COLUMNS[0], 0])
                          & (angles[:, THUMB_COLUMNS[0]] < hand.limits[THUMB_COLUMNS[0], 1]))
         assert inside > .97
+
+
+def test_a_ruler_tells_what_eight_markers_do_not():
+    bones = LARGE.finger_bones * np.array((1.08, .95, 1.05, .92))[:, None]
+    hand = LARGE.replace(finger_bones=bones)
+    take, _ = simulated_take(hand, WORN_PLACES, motions=('range_of_motion',))
+    lengths = tuple(bones.sum(axis=1))
+
+    def fitted(**measured):
+        return fit_gathered(gather([take], Ruler(**measured)), 'right')
+
+    assert fitted(length=.205).length == pytest.approx(.205, abs=.0015)
+    by_fingers = fitted(length=.205, breadth=.095, fingers=lengths)
+    np.testing.assert_allclose(by_fingers.hand.finger_bones, bones, atol=.001)
+    assert by_fingers.length == pytest.approx(.205, abs=.0015)
+    usual, high = fitted(), fitted(marker_height=USUAL_MARKER_HEIGHT + .003)
+    assert np.abs(usual.hand.finger_bones - bones).max() > .002
+    raised = high.layout.offsets - usual.layout.offsets
+    np.testing.assert_allclose(raised[[0, *range(3, 8)], 2], .003, atol=.001)
 
 
 def test_one_marker_on_the_thumb_does_not_widen_what_it_does_not_tell():
