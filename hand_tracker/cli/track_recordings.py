@@ -73,7 +73,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     output = options.output
     require_suffix(output, TRACKED_KINDS)
     kind = output.suffix.lower()
-    if options.quality and kind != TABLE:
+    if vars(options).get('quality') and kind != TABLE:    # not every command has it
         raise BagError(f'{output}: --quality adds columns to a table; expected a name with {TABLE}')
     if kind == SKINNED_KIND:
         require_surface_library()
