@@ -88,7 +88,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
             save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
                                 for frames in job.frames()), prefixes,
                        wrists if options.wrist else (),
-                       job.layout.names if options.quality else ())
+                       job.layout.names if options.quality else (), job.zero)
         else:
             tracked = collect_hands(job.frames(), job.hands)
             save_motion(output, tracked if options.side == BOTH else tracked.hands[0],

@@ -93,6 +93,11 @@ class TrackingJob:
         return {side: tracker.hand for side, (tracker, _) in self._hands.items()}
 
     @property
+    def zero(self) -> int | None:
+        """Time at which the clock of a file of points is 0 [ns]."""
+        return self._bag.zero
+
+    @property
     def needs_hand_file(self) -> bool:
         """Whether the markers count as at the joints, though they are on the skin."""
         is_landmarks = isinstance(self._bag, PointBag) and self._bag.is_landmarks

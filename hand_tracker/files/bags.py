@@ -126,11 +126,14 @@ class Bag:
         Time from the first message to the last [ns].
     notes : tuple of str
         Notes on the recording, to print.
+    zero : int or None
+        Time at which the clock of a file of points is 0 [ns].
     stands_for : str
         Topic whose points are on another topic here; empty in a recording read as it is.
     """
 
     notes: tuple[str, ...] = ()
+    zero: int | None = None
     stands_for = ''
 
     def __init__(self, path: Path, reader: Reader) -> None:

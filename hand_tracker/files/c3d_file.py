@@ -48,6 +48,8 @@ class C3dHeader(NamedTuple):
         Where the first frame is [bytes].
     scale : float
         Of integers; negative where numbers are stored as floats.
+    first : int
+        Number of the first frame, usually 1.
     frames : tuple of int
         Every number of frames that the file names.
     rate : float
@@ -59,6 +61,7 @@ class C3dHeader(NamedTuple):
     analog: int
     start: int
     scale: float
+    first: int
     frames: tuple[int, ...]
     rate: float
     processor: int
@@ -109,7 +112,10 @@ def read_c3d(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     found, points, cut = _read_points(path, file, header, PointBuffer(
         path, unique, zero_is_missing), keep, partial)
     notes += [note for note in (repeated, cut) if note]
-    recording = PointRecording(path.name, 'C3D', found, points, header.rate, None, Axes(),
+    stamps = None     # the first frame is at 0 s
+    if header.first > 1 and np.isfinite(header.rate):
+        stamps = (header.first - 1 + np.arange(len(points))) / header.rate
+    recording = PointRecording(path.name, 'C3D', found, points, header.rate, stamps, Axes(),
                                tuple(notes))
     return recording, Axes(unit_name(_text(parameters, 'UNITS')), _upward_axis(parameters))
 
@@ -217,23 +223,27 @@ def _header(path: Path, head: bytes, parameters: Parameters, processor: int) -> 
                              'its header')
     if not (np.isfinite(scale) and scale):
         raise RecordingError(f'{path}: POINT:SCALE {scale:g}; expected a number that is not 0')
-    counts = _frame_counts(parameters, last - first + 1)
+    trial = _trial_frames(parameters)
+    counts = _frame_counts(parameters, trial, last - first + 1)
     if not counts:
         raise RecordingError(f'{path}: frames {first} to {last}; expected at least one')
     rate = rate if np.isfinite(rate) and rate > 0. else np.nan
-    return C3dHeader(points, analog, (block - 1) * C3D_BLOCK, scale, counts, rate, processor)
+    return C3dHeader(points, analog, (block - 1) * C3D_BLOCK, scale, trial[0] if trial else first,
+                     counts, rate, processor)
 
 
-def _frame_counts(parameters: Parameters, of_header: int) -> tuple[int, ...]:
-    """Return all frame counts in the file; 16-bit counts that are saturated only if alone."""
-    found = []
+def _trial_frames(parameters: Parameters) -> list[int]:
+    """Return the numbers of the first and the last frame that are no 16-bit counts, if given."""
     ends = [end for name in ('START', 'END')
             if isinstance(end := parameters.get(('TRIAL', f'ACTUAL_{name}_FIELD')), np.ndarray)
             and end.size]
-    if len(ends) == 2:
-        first, last = (int(end.flat[0]) + (int(end.flat[1]) << 16 if end.size > 1 else 0)
-                       for end in ends)
-        found.append(last - first + 1)
+    return [int(end.flat[0]) + (int(end.flat[1]) << 16 if end.size > 1 else 0)
+            for end in ends] if len(ends) == 2 else []
+
+
+def _frame_counts(parameters: Parameters, trial: list[int], of_header: int) -> tuple[int, ...]:
+    """Return all frame counts in the file; 16-bit counts that are saturated only if alone."""
+    found = [trial[1] - trial[0] + 1] if trial else []
     found += [int(value) for name in ('LONG_FRAMES', 'FRAMES')
               if (value := _number(parameters, 'POINT', name)) is not None]
     found.append(of_header)

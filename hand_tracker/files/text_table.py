@@ -338,7 +338,7 @@ class TablePoints(NamedTuple):
     times : ndarray, shape (T,), or None
         None where there is no column of increasing times [s].
     numbers : ndarray, shape (T,), or None
-        Of the frames; None where they are one after another, or no count of them.
+        Of the frames; None where they are one after another from 0 or 1 on, or no count of them.
     note : str
         Where the file is cut, or leaves frames out; else empty.
     """
@@ -407,7 +407,8 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
     note = note or table.doubt
     labels, points = buffer.finish()
     seconds = np.concatenate(times) if times else np.empty(0)
-    skip = left_out > 0. and _is_increasing(counted) and np.median(np.diff(counted)) == 1.
+    skip = ((left_out > 0. or first > 1.) and _is_increasing(counted)
+            and np.median(np.diff(counted)) == 1.)
     return TablePoints(labels, points, seconds if _is_increasing(seconds) else None,
                        counted if skip else None, note)
 
@@ -484,7 +485,7 @@ def frame_times(rate: float, times: np.ndarray | None, numbers: np.ndarray | Non
     times : ndarray, shape (T,), or None
         As in the file [s].
     numbers : ndarray, shape (T,), optional
-        Of the frames, where some are left out: without times they tell when.
+        Of the frames, where some are left out, at the start or later: without times they tell when.
 
     Returns
     -------
@@ -496,7 +497,7 @@ def frame_times(rate: float, times: np.ndarray | None, numbers: np.ndarray | Non
     known = known_rate(rate, times)
     if times is None:
         return known, None if numbers is None or np.isnan(known) else (
-            numbers - numbers[0]) / known
+            numbers - min(numbers[0], 1.)) / known
     periods = np.round(np.diff(times) * known)
     if not periods.all():
         return known, times

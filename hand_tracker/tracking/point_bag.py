@@ -16,6 +16,7 @@ from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, r
 from ..files.bags import Bag, BagError, BagMessage
 from ..files.point_recording import PointRecording, RecordingError
 from ..files.recordings import ReadingOptions
+from ..files.text_table import LATEST_TIME
 from ..messages.labels import LabelMap, default_labels, labels_of_hand, maps_of_hands
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.marker_ids import ANONYMOUS_NAMESPACE, FIRST_FOREIGN_ID
@@ -159,6 +160,9 @@ class PointBag(Bag):
             self.stands_for = recording.origin.topic
             self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)
         self._times = recorded_times(recording)
+        start = float(recording.times()[0])
+        if recording.origin is None and abs(start) < LATEST_TIME:
+            self.zero = self._times[0] - round(1e9 * start)
         self._frame_id = recorded_frame(recording)
         self.topics = {WRITTEN_TOPIC: MARKER_ARRAY}
         self.counts = {WRITTEN_TOPIC: len(self._times)}

@@ -269,7 +269,7 @@ def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
 
 def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
                prefixes: Sequence[str], wrists: Sequence[str] = (),
-               markers: Sequence[str] = ()) -> None:
+               markers: Sequence[str] = (), zero: int | None = None) -> None:
     """Write tracked frames of several hands, see `save`.
 
     A table has NaN for a hand that a frame has not, a recording leaves it out.
@@ -287,6 +287,8 @@ def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
     markers : sequence of str
         Names of each hand's markers whose distances from it a table has, NaN of hidden ones, and
         with them the standard deviation of each angle; where empty, it has neither.
+    zero : int, optional
+        Stamp at which the table's time is 0; that of the first frame when left out [ns].
     """
     path = Path(path)
     if path.suffix.lower() == TABLE:
@@ -294,25 +296,25 @@ def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
         quality = [name for prefix in prefixes if markers for name in (
             *(f'{prefix}{joint}_sd_deg' for joint in JOINTS),
             *(f'{prefix}{marker}_residual_mm' for marker in markers))]
-        write_angle_table(path, joints, _rows(frames, prefixes, bool(wrists), len(markers)),
-                          wrists, quality)
+        write_angle_table(path, joints, _rows(
+            frames, prefixes, bool(wrists), len(markers), zero), wrists, quality)
     else:
         write_bag(path, _messages(frames, bool(wrists)))
 
 
 def _rows(frames: Iterable[Mapping[str, RecordedFrame]], prefixes: Sequence[str],
-          has_wrists: bool, markers: int) -> Iterator[tuple[float, np.ndarray, list[float]]]:
-    first = None
+          has_wrists: bool, markers: int, zero: int | None
+          ) -> Iterator[tuple[float, np.ndarray, list[float]]]:
     for tracked in frames:
         stamp = next(iter(tracked.values())).stamp
-        first = stamp if first is None else first
+        zero = stamp if zero is None else zero
         states = [tracked[prefix].state if prefix in tracked else None for prefix in prefixes]
         numbers = [number for state in states for number in (
             [np.nan] * POSE_SIZE if state is None else _pose(state))] if has_wrists else []
         if markers:
             numbers += [number for state in states for number in (
                 [np.nan] * (len(JOINTS) + markers) if state is None else _quality(state))]
-        yield 1e-9 * (stamp - first), np.concatenate(
+        yield 1e-9 * (stamp - zero), np.concatenate(
             [np.full(len(JOINTS), np.nan) if state is None else state.angles
              for state in states]), numbers
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 import sys
 import time
 from io import StringIO
@@ -722,6 +723,28 @@ def test_a_rate_that_no_file_says_is_assumed_and_given(tmp_path, capsys):
     assert main(['track', str(path), '-o', str(out), '--frame-rate', '60']) == 0
     assert 'its rate' not in capsys.readouterr().err
     assert angles(out)[-1, 0] == pytest.approx(239 / 60.)
+
+
+@pytest.mark.parametrize('name', ['take.trc', 'take.csv', 'vicon.csv', 'take.c3d'])
+def test_the_table_has_the_time_of_the_file(tmp_path, name):
+    path, out = tmp_path / name, tmp_path / 'angles.csv'
+    recording = hand_recording(240)._replace(stamps=5. + np.arange(240) / 120.)
+    recording.points[:30] = np.nan
+    write_recording(path, recording, VICON_CSV if 'vicon' in name else None)
+    if 'vicon' in name:    # its frames have numbers alone
+        lines = path.read_text().splitlines()
+        path.write_text('\n'.join([*lines[:5], *(
+            f'{600 + int(frame)},{rest}' for frame, _, rest in (
+                line.partition(',') for line in lines[5:]))]))
+    elif path.suffix == '.c3d':
+        data = bytearray(path.read_bytes())
+        struct.pack_into('<2H', data, 6, 601, 840)
+        for field, number in (b'ACTUAL_START_FIELD', 601), (b'ACTUAL_END_FIELD', 840):
+            # Behind the name: length, type, and its dimensions.
+            struct.pack_into('<2H', data, data.index(field) + len(field) + 5, number, 0)
+        path.write_bytes(data)
+    assert main(['track', str(path), '-o', str(out)]) == 0
+    np.testing.assert_allclose(angles(out)[:, 0], 5. + np.arange(30, 240) / 120., atol=1e-6)
 
 
 def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
