@@ -31,7 +31,7 @@ class CommandParser(argparse.ArgumentParser):
         for text in takewhile(lambda one: one != '--', others):
             if text.startswith('-'):
                 name = text.partition('=')[0]
-                near = get_close_matches(name, self._option_string_actions)
+                near = get_close_matches(name, self._option_string_actions, cutoff=.7)
                 self.error(f'unknown option {name}' + (
                     f'; is {" or ".join(near)} meant?' if near else ''))
         return found, others
