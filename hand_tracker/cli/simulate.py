@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.model.hand import SIDES
+from ..core.model.hand import JOINTS, SIDES
+from ..files.written_kinds import TABLE
+from ..output_files import require_writable
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
@@ -30,12 +32,14 @@ class _DefaultsHelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return action.help if action.default is None else super()._get_help_string(action)
 
 
-def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[BagMessage, ...]]:
-    """Yield the messages of each frame; count frames and lost markers in `count`."""
+def _frames(simulation: Simulation, count: dict[str, int],
+            truth: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[BagMessage, ...]]:
+    """Yield the messages of each frame; count frames and lost markers, and note stamps, angles."""
     from ..simulation.simulator import frame_messages
 
     for part in simulation.blocks():
         count['frames'] += len(part.stamps)
+        truth.append((part.stamps, part.angles))
         count['lost'] += int(np.isnan(part.markers[..., 0]).sum())
         yield from frame_messages(
             part, simulation.hand.side, names=simulation.layout.names)
@@ -66,6 +70,8 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
                        ('dropouts', 'labels lost'),
                        ('frozen', 'markers repeated where they were')):
         parser.add_argument(f'--{kind}', type=float, default=0., help=f'{what} [1/s]')
+    parser.add_argument('--truth', type=Path, metavar='TABLE.csv',
+                        help='also write the true angles, in the columns of hand_tracker track')
     parser.add_argument('--calibration', type=Path, metavar='HAND.yaml',
                         help='also write the hand as a calibration would find it')
     chosen = parser.parse_args(arguments)
@@ -79,7 +85,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}
+    truth: list[tuple[np.ndarray, np.ndarray]] = []
     require_inputs(chosen)
+    from ..files.angle_table import write_angle_table
     from ..files.bags import write_bag
     from ..files.hand_file import load_hand, save_hand
     from ..simulation.faults import Faults
@@ -89,8 +97,15 @@ def main(arguments: list[str] | None = None) -> int:
     simulation = Simulation(
         chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
         chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
-    frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
+    if chosen.truth:
+        require_writable(chosen.truth, (TABLE,))
+    frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count, truth))
     write_bag(chosen.output, (message for frame in frames for message in frame))
+    if chosen.truth:
+        first = truth[0][0][0]
+        write_angle_table(chosen.truth, [f'{hand.side}_{joint}' for joint in JOINTS], (
+            (1e-9 * (stamp - first), angles, ())
+            for stamps, block in truth for stamp, angles in zip(stamps, block)))
     if chosen.calibration:
         save_hand(chosen.calibration, *calibrated(hand, layout, chosen.seed))
     share = 100. * count['lost'] / (count['frames'] * len(layout.names))

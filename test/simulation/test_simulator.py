@@ -1,5 +1,6 @@
 """`hand_tracker simulate` writes recordings; the node of that name publishes them live."""
 
+import csv
 import os
 import re
 import subprocess
@@ -178,7 +179,8 @@ def test_refuses_impossible_rates():
 def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
     command = [sys.executable, '-m', 'hand_tracker', 'simulate', 'typing', '-o', 'out.mcap',
                '--rate', '60', '--duration', '2', '--cameras', '4', '--dropouts', '2',
-               '--seed', '3', '--side', 'left', '--calibration', 'hand.yaml']
+               '--seed', '3', '--side', 'left', '--calibration', 'hand.yaml',
+               '--truth', 'truth.csv']
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True,
                           env={**os.environ, 'PYTHONPATH': str(REPOSITORY)})
     assert done.returncode == 0, done.stderr
@@ -194,6 +196,14 @@ def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
     truth = next(message for message in messages if message.type == JOINT_STATE)
     assert TYPE_STORE.deserialize_cdr(truth.data, truth.type).name[0] == f'left_{JOINTS[0]}'
     check_truth(messages[:4], HAND.mirrored())
+    with open(tmp_path / 'truth.csv', encoding='utf-8') as file:
+        header, *rows = csv.reader(file)
+    assert header == ['time_s', *(f'left_{joint}_deg' for joint in JOINTS)]
+    angles = [TYPE_STORE.deserialize_cdr(message.data, message.type).position
+              for message in messages if message.type == JOINT_STATE]
+    table = np.array(rows, dtype=float)
+    np.testing.assert_allclose(table[:, 1:], np.degrees(angles), atol=6e-4)
+    np.testing.assert_allclose(table[:, 0], np.arange(len(angles)) / 60., atol=1e-6)
     hand, layout = load_hand(tmp_path / 'hand.yaml')
     expected, places = calibrated(HAND.mirrored(), LAYOUT, 3)
     np.testing.assert_allclose(hand.finger_bones, expected.finger_bones, atol=1e-12)
