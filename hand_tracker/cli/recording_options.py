@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, OTHER_SIDE, SIDES, Hand
-from ..core.model.layout_presets import LAYOUT_PRESETS
+from ..core.model.layout_presets import LAYOUT_NAMES
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..interruption import INTERRUPTED_EXIT_CODE
@@ -80,7 +80,7 @@ def add_layout_option(parser: argparse.ArgumentParser,
     """Add the option of a command line that names another marker layout than the default one."""
     parser.add_argument('--layout', metavar='NAME|FILE',
                         help="markers that are worn: a layout file (YAML), or one of "
-                        f"{', '.join(LAYOUT_PRESETS)}; default: {otherwise}")
+                        f"{', '.join(LAYOUT_NAMES)}; default: {otherwise}")
 
 
 def _positive(text: str) -> float:

@@ -33,7 +33,8 @@ LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
-    'degrees off until a hand is fitted (hand_tracker calibrate)')
+    'degrees off until a hand is fitted (hand_tracker calibrate); --layout paper8_skin takes them '
+    'for on the back of a usual hand')
 PALM_SEEN = (PalmState.TRACKED, PalmState.CARRIED)
 # Returns what shows the progress of a number of pieces of a name.
 ProgressMaker = Callable[[int, str], 'ProgressDisplay']

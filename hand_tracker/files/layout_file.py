@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from ..core.model.layout_presets import LAYOUT_NAMES, preset_layout
 from ..core.model.marker_layout import (
     ALL_LANDMARKS,
     DEVIATION_RANGE,
@@ -78,7 +78,7 @@ def choose_layout(text: str) -> MarkerLayout:
     Parameters
     ----------
     text : str
-        One of `LAYOUT_PRESETS`, or a path.
+        One of `LAYOUT_NAMES`, or a path.
 
     Returns
     -------
@@ -89,19 +89,19 @@ def choose_layout(text: str) -> MarkerLayout:
     InvalidHandFile
         If it is neither.
     """
-    if text in LAYOUT_PRESETS:
+    if text in LAYOUT_NAMES:
         return preset_layout(text)
     path = Path(text).expanduser()
     if not path.exists():
         raise InvalidHandFile(f"layout: '{text}' is no file, and no preset; presets are "
-                              f'{", ".join(LAYOUT_PRESETS)}')
+                              f'{", ".join(LAYOUT_NAMES)}')
     return load_layout(path)
 
 
 def layout_of_tree(markers: Any) -> MarkerLayout:
     """Return the layout of a file's `markers`: a preset's name, a list, or the eight by name."""
     if isinstance(markers, str):
-        return preset_layout(choice('markers', markers, LAYOUT_PRESETS))
+        return preset_layout(choice('markers', markers, LAYOUT_NAMES))
     if isinstance(markers, list):
         return _listed(markers)
     given = mapping('markers', markers, MARKERS)

@@ -5,7 +5,7 @@ import pytest
 
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
-from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.files.hand_file import InvalidHandFile, load_hand, save_hand
 from hand_tracker.files.layout_file import choose_layout, load_layout, save_layout
 
@@ -47,6 +47,14 @@ markers: [{PALM}, {{name: nail, link: index_distal, offset_mm: [-3, 1, 8], devia
 def test_a_preset_by_name_in_a_hand_file(tmp_path):
     _, layout = load_hand(written(tmp_path / 'hand.yaml', 'markers: sig18_19\n'))
     assert_same(layout, preset_layout('sig18_19'))
+
+
+def test_the_papers_markers_on_the_skin_are_a_layout_too(tmp_path):
+    layout = choose_layout('paper8_skin')
+    assert layout.names == MARKERS and layout.places == MarkerLayout().places
+    assert (layout.offsets[:, 2] > .007).all()
+    _, of_file = load_hand(written(tmp_path / 'hand.yaml', 'markers: paper8_skin\n'))
+    assert_same(of_file, layout)
 
 
 def test_a_layout_is_chosen_by_name_or_by_file(tmp_path):

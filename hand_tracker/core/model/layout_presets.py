@@ -26,6 +26,12 @@ def _layout(markers: list[Marker]) -> MarkerLayout:
     return MarkerLayout(places, np.multiply(offsets, 1e-3), names=names)
 
 
+def _paper8_skin() -> MarkerLayout:
+    """Return the paper's eight on the back of a usual hand, not at its joints."""
+    offsets = (ON_WRIST_TOP, *[ON_KNUCKLE] * 2, *[ON_JOINT] * len(FINGERS), ON_NAIL)
+    return MarkerLayout(offsets=np.multiply(offsets, 1e-3))
+
+
 def _tips5_palm3() -> MarkerLayout:
     """Return wrist, two knuckles and the nails."""
     return _layout([
@@ -145,6 +151,9 @@ LAYOUT_PRESETS: dict[str, Callable[[], MarkerLayout]] = {
     'webxr25': _webxr25,
     'openxr26': _openxr26,
 }
+# Beside them, as its markers are those of another preset, by which they are recognised.
+SKIN_LAYOUT = 'paper8_skin'
+LAYOUT_NAMES = (*LAYOUT_PRESETS, SKIN_LAYOUT)
 JOINT_CENTRE_PRESETS = 'mediapipe21', 'webxr25', 'openxr26'  # of skeletons: nobody wears them
 
 
@@ -154,7 +163,7 @@ def preset_layout(name: str) -> MarkerLayout:
     Parameters
     ----------
     name : str
-        One of `LAYOUT_PRESETS`.
+        One of `LAYOUT_NAMES`.
 
     Returns
     -------
@@ -165,6 +174,8 @@ def preset_layout(name: str) -> MarkerLayout:
     InvalidLayout
         If there is no such preset.
     """
+    if name == SKIN_LAYOUT:
+        return _paper8_skin()
     if name not in LAYOUT_PRESETS:
-        raise InvalidLayout(f"layout: no preset '{name}'; there are {', '.join(LAYOUT_PRESETS)}")
+        raise InvalidLayout(f"layout: no preset '{name}'; there are {', '.join(LAYOUT_NAMES)}")
     return LAYOUT_PRESETS[name]()
