@@ -33,10 +33,15 @@ def angle_uncertainty(hand: Hand, layout: MarkerLayout, frames: np.ndarray,
     ndarray, shape (25,)
         Root mean squares over the frames with the palm, NaN without any [rad].
     """
-    step = max(1, round(rate / TRACKED_RATE))
+    step = max(1, int(rate // TRACKED_RATE))
+    frames = frames[::step]
+    # The part in which most markers are seen.
+    seen = np.cumsum(np.isfinite(frames).all(axis=2).sum(axis=1))
+    first = int(np.argmax(seen[TRACKED_FRAMES:] - seen[:-TRACKED_FRAMES])) + 1 if (
+        len(frames) > TRACKED_FRAMES) else 0
     tracker = HandTracker(hand, layout)
     found = []
-    for number, frame in enumerate(frames[::step][:TRACKED_FRAMES]):
+    for number, frame in enumerate(frames[first:first + TRACKED_FRAMES]):
         state = tracker.update(frame, number * step / rate)
         if state.palm is PalmState.TRACKED:
             found.append(state.deviation)
@@ -54,6 +59,8 @@ def uncertainty_range(deviations: np.ndarray) -> str:
 
 def uncertainty_lines(deviations: np.ndarray) -> Iterator[str]:
     """Yield the standard deviations of `angle_uncertainty`, a line for each digit, in degrees."""
+    if np.isnan(deviations).all():
+        return
     yield 'standard deviation of the angles by the worn markers, degrees'
     degrees = np.degrees(deviations)
     for row, digit in enumerate(DIGITS):

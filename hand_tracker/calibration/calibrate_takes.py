@@ -34,7 +34,7 @@ PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, 
 
 def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEARER_LIMITS,
                     picture: Path | None = None, layout: MarkerLayout | None = None,
-                    ruler: Ruler = UNMEASURED) -> str:
+                    ruler: Ruler = UNMEASURED, prepare: Callable[[], object] = bool) -> str:
     """Fit a hand to takes, print the report, and write hand file and picture.
 
     Parameters
@@ -52,6 +52,8 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         eight.
     ruler : Ruler, optional
         What was measured of the hand and its markers.
+    prepare : callable, optional
+        Called before the takes are tracked, to load or compile kernels.
 
     Returns
     -------
@@ -91,6 +93,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         worn, names = fit.layout, fit.worn
     else:
         worn, (names, _) = fitted_layout(fit, layout), names_in_layout(layout)
+    prepare()
     deviations = angle_uncertainty(fit.hand.as_right(), worn, _columns(gathered, names), rate)
     lines = [f'{report.verdict()}; {uncertainty_range(deviations)}', '', *report.lines(), '',
              *_unusual_bends(fit.hand), *uncertainty_lines(deviations), '',

@@ -13,6 +13,7 @@ from .palm_template import ELSEWHERE
 # Distance of markers from a digit's first joint, in that of the straight digit's farthest one as it
 # is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. Ours.
 MARKER_REACH, MARKER_REACH_MARGIN = 1.25, .01
+ELSEWHERE_AT_FIRST = .04      # [m] as `ELSEWHERE`, by the usual shape, which people leave. Ours
 MOST_STRAYS = .2              # of all frames; with more, labels are wrong. Ours
 CHOSEN_FRAMES = 150
 LEAST_DISTANCE = .002         # [m] of chosen frames, in the space of the digit's markers
@@ -89,27 +90,27 @@ def chosen_problem(problem: DigitProblem, is_thumb: bool,
     problem : DigitProblem
     is_thumb : bool
     shape : ndarray, shape (p,), optional
-        Of an earlier fit, by which frames with a marker that is elsewhere are left out: they are
-        far from the others, and would be chosen first.
+        Of an earlier fit, or else the usual one, by which frames with a marker that is elsewhere
+        are left out: they are far from the others, and would be chosen first.
     """
-    frames = spread_frames(problem.points, CHOSEN_FRAMES, LEAST_DISTANCE)
-    if shape is not None:
-        frames = _without_strays(problem, frames, shape, posture_starts(is_thumb, problem.posture))
+    frames = _without_strays(
+        problem, posture_starts(is_thumb, problem.posture),
+        *((problem.prior.mean, ELSEWHERE_AT_FIRST) if shape is None else (shape, ELSEWHERE)))
     independent = (INDEPENDENT_POSTURES if len(problem.noise) > 1
                    else ONE_MARKER_POSTURES_OF_THUMB if is_thumb else ONE_MARKER_POSTURES)
     return problem._replace(
         points=problem.points[frames], weight=min(1., independent / max(len(frames), 1)))
 
 
-def _without_strays(problem: DigitProblem, chosen: np.ndarray, shape: np.ndarray,
-                    starts: np.ndarray) -> np.ndarray:
-    """Choose frames without those with a marker elsewhere; the chosen ones where these are many."""
-    points, frames, strays = problem.points.copy(), chosen, 0
+def _without_strays(problem: DigitProblem, starts: np.ndarray, shape: np.ndarray,
+                    most_miss: float) -> np.ndarray:
+    """Choose frames without a marker farther from its place [m]; all where these are many."""
+    points, strays = problem.points.copy(), 0
+    frames = chosen = spread_frames(points, CHOSEN_FRAMES, LEAST_DISTANCE)
     while len(frames):
         some = problem._replace(points=points[frames])
-        angles, _ = fit_angles(some, shape, starts)
-        misses = np.linalg.norm(place_markers(some.chain, shape, angles) - some.points, axis=2)
-        is_stray = (misses > ELSEWHERE).any(axis=1)
+        _, misses = fit_postures(some, shape, starts)
+        is_stray = (misses > most_miss).any(axis=1)
         if not is_stray.any():
             return frames
         strays += np.count_nonzero(is_stray)
@@ -118,6 +119,14 @@ def _without_strays(problem: DigitProblem, chosen: np.ndarray, shape: np.ndarray
         points[frames[is_stray]] = np.nan
         frames = spread_frames(points, CHOSEN_FRAMES, LEAST_DISTANCE)
     return chosen
+
+
+def fit_postures(problem: DigitProblem, shape: np.ndarray,
+                 starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit a digit's postures; return them, (n, k), and the markers' misses, (n, m) [rad, m]."""
+    angles, _ = fit_angles(problem, shape, starts)
+    return angles, np.linalg.norm(
+        place_markers(problem.chain, shape, angles) - problem.points, axis=2)
 
 
 def fit_digit(problem: DigitProblem, starts: np.ndarray,

@@ -7,20 +7,18 @@ import numpy as np
 
 from ..core.model.hand import DIGITS
 from ..core.model.marker_layout import MARKERS
-from .arrow_solver import fit_angles
 from .digit_chain import (
     BONE_PART,
     COUPLING_PART,
     FIRST_OFFSET,
     LEAN_PART,
     ROOT_PART,
-    place_markers,
 )
-from .digit_fit import DigitFit, posture_starts
+from .digit_fit import DigitFit, fit_postures, posture_starts
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .natural_flexion import FlexionLine
 from .palm_template import ELSEWHERE, TOLD_SHARE, PalmFit
-from .takes import Gathered, InvalidTake
+from .takes import WRONG_MARKERS, Gathered, InvalidTake
 
 OBSERVED_SHARE = .7      # of the spread known before; with a larger deviation nothing was observed
 OBSERVED_DEVIATION = .002  # [m] of a length; with a larger one it is not known either
@@ -35,7 +33,6 @@ MOST_MISS = .01          # [m] beyond which it is another marker than its label 
 BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
               'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
 AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
-WRONG_MARKERS = 'are labels exchanged, or did a marker slip?'
 METRES, RADIANS, PLAIN_NUMBER = 'mm', 'degrees', ''
 
 
@@ -248,9 +245,7 @@ def marker_distances(fit: MarkerFit, gathered: Gathered) -> dict[str, np.ndarray
         columns = gathered.of(digit)
         problem = one.problem._replace(points=local[:, columns], weight=1.)
         starts = posture_starts(DIGITS[digit] == 'thumb', problem.posture)
-        postures, _ = fit_angles(problem, one.shape, starts)
-        misses = np.linalg.norm(
-            place_markers(problem.chain, one.shape, postures) - problem.points, axis=2)
+        _, misses = fit_postures(problem, one.shape, starts)
         found.update((gathered.markers[i].name, misses[:, k])
                      for k, i in enumerate(columns))
     return found

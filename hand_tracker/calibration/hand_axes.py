@@ -109,7 +109,8 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     for place in beyond:
         if f'index_{place}' in points and f'little_{place}' in points:
             outer = points[f'index_{place}'] - points[f'little_{place}']
-            if np.mean(np.einsum('ti,ti->t', outer, lateral) < 0.) > .5:
+            alike = np.einsum('ti,ti->t', outer, lateral)
+            if np.count_nonzero(alike < 0.) > np.count_nonzero(alike > 0.):
                 return .5   # exchanged labels, of knuckles say, mirror a hand
     for finger in FINGERS:
         chain = [points[name] for name in (f'{finger}_{place}' for place in CHAIN_PLACES)

@@ -19,13 +19,14 @@ from ..core.model.hand import (
     average_natural_flexion,
 )
 from ..core.model.marker_layout import MarkerLayout
-from .arrow_solver import fit_angles
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
+    MOST_STRAYS,
     DigitFit,
     chosen_problem,
     fit_digit,
+    fit_postures,
     posture_starts,
     within_reach,
 )
@@ -42,10 +43,10 @@ from .marker_names import NamedMarker, is_knuckle, riding
 from .marker_residuals import DigitProblem
 from .natural_flexion import FlexionLine, fit_flexion_line
 from .palm_synergy import fit_palm_synergy
-from .palm_template import PalmFit, aligned_palm, fit_palm, rigid_poses
+from .palm_template import ELSEWHERE, PalmFit, aligned_palm, fit_palm, rigid_poses
 from .radii import thinned
 from .ruler import RULER_SPREAD
-from .takes import Gathered, InvalidTake, MarkerTake, gather
+from .takes import WRONG_MARKERS, Gathered, InvalidTake, MarkerTake, gather
 from .worn_markers import worn_names
 
 LENGTH_ROUNDS = 2        # fits of all digits, the hand's length estimated anew between them
@@ -156,7 +157,7 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
     if len(whole) < MIN_WHOLE_FRAMES:
         whole = np.arange(len(local))
     shown = local[whole[evenly_spaced(len(whole), POSTURE_FRAMES)]]
-    digits = [_with_postures(fit, digit, gathered, shown, worn) for digit, fit in enumerate(fits)]
+    digits, shown = _with_postures(fits, gathered, shown, worn)
     hand, postures = fitted_hand(Hand.scaled(length, palm.breadth), digits, side, limits)
     flexions = _flexion_lines(gathered, postures)
     hand = hand.replace(natural_flexion=[average if line is None else line.row for line, average
@@ -252,13 +253,19 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
     if not columns:
         return None
     marked = _marked(gathered, digit, worn)
-    chosen = chosen_problem(within_reach(DigitProblem(
+    problem = DigitProblem(
         digit_chain(mean, digit, marked.links), local[:, columns],
         np.full(len(columns), FIRST_NOISE), digit_posture(mean, digit, marked.links),
         digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp'),
                     gathered.ruler),
-        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)),
-        DIGITS[digit] == 'thumb', before and before.shape)
+        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)
+    reached = within_reach(problem)
+    seen, near = (np.isfinite(one.points).all(axis=2).sum(axis=0) for one in (problem, reached))
+    for name, before_that, left in zip(marked.names, seen, near):
+        if left < MOST_STRAYS * before_that:
+            raise InvalidTake(f'{name} is farther from the palm than the {DIGITS[digit]} reaches '
+                              f'in {1. - left / before_that:.0%} of the frames: {WRONG_MARKERS}')
+    chosen = chosen_problem(reached, DIGITS[digit] == 'thumb', before and before.shape)
     return chosen if len(chosen.points) else None
 
 
@@ -278,15 +285,31 @@ def _fit_again(problem: DigitProblem, digit: int, before: DigitFit | None) -> Di
     return fit_digit(problem._replace(noise=before.problem.noise), starts, before.shape, rounds=2)
 
 
-def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: np.ndarray,
-                   worn: tuple[str, ...]) -> FittedDigit | None:
-    """Return a fitted digit with its postures in evenly spaced frames."""
-    if fit is None:
-        return None
-    points = local[:, gathered.of(digit)]
-    starts = posture_starts(DIGITS[digit] == 'thumb', fit.problem.posture)
-    postures, _ = fit_angles(fit.problem._replace(points=points, weight=1.), fit.shape, starts)
-    return FittedDigit(fit.problem.chain, fit.shape, _marked(gathered, digit, worn).names, postures)
+def _with_postures(fits: Sequence[DigitFit | None], gathered: Gathered, local: np.ndarray,
+                   worn: tuple[str, ...]) -> tuple[list[FittedDigit | None], np.ndarray]:
+    """Return the digits with their postures in frames in which all markers are in place.
+
+    And these frames, unless strays are so many that labels are wrong: then all.
+    """
+    found = []
+    has_stray = np.zeros(len(local), dtype=bool)
+    for digit, fit in enumerate(fits):
+        if fit is None:
+            continue
+        problem = fit.problem._replace(points=local[:, gathered.of(digit)], weight=1.)
+        postures, misses = fit_postures(
+            problem, fit.shape, posture_starts(DIGITS[digit] == 'thumb', problem.posture))
+        found.append((digit, postures))
+        has_stray |= (misses > ELSEWHERE).any(axis=1)
+    if np.count_nonzero(has_stray) > MOST_STRAYS * len(local):
+        has_stray[:] = False
+    digits: list[FittedDigit | None] = [None] * len(fits)
+    for digit, postures in found:
+        fit = fits[digit]
+        assert fit is not None
+        digits[digit] = FittedDigit(fit.problem.chain, fit.shape, _marked(
+            gathered, digit, worn).names, postures[~has_stray])
+    return digits, local[~has_stray]
 
 
 def _flexion_lines(gathered: Gathered, postures: np.ndarray) -> tuple[FlexionLine | None, ...]:

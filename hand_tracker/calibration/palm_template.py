@@ -23,7 +23,7 @@ from .ruler import RULER_SPREAD, UNMEASURED, Ruler
 
 ELSEWHERE = .02     # [m] off its place, beyond which a marker is another one; ours
 # [m] that a rigid marker of the palm is off its place at most, else it is elsewhere, or another is;
-# on recorded skin 8.2 in the extreme. Ours.
+# on recorded skin 8 in all but single frames. Ours.
 OUT_OF_SHAPE = .008
 TOLD_SHARE = .01    # of the frames with a marker elsewhere; ours
 TEMPLATE_ROUNDS = 6

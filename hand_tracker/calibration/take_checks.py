@@ -75,8 +75,8 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
                     'have these markers, too')
     if out_of_shape > TOLD_SHARE:
         weak.append('markers of the palm are not at their distances in '
-                    f'{out_of_shape:.0%} of the frames, which are left out: a ghost, or the '
-                    'label of another marker')
+                    f'{out_of_shape:.0%} of the frames, where those elsewhere are left out: a '
+                    'ghost, or the label of another marker')
     return weak
 
 

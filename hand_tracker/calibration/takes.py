@@ -11,6 +11,8 @@ from ..core.model.hand import LEFT_HAND_MIRROR
 from .marker_names import NamedMarker, UsualPlace, canonical_name, identify
 from .ruler import UNMEASURED, Ruler
 
+WRONG_MARKERS = 'are labels exchanged, or did a marker slip?'
+
 
 class InvalidTake(HandTrackerError, ValueError):
     """A file without a take of markers, or a take unfit for a hand."""

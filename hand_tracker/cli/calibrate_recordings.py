@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
 from ..messages.cdr import MarkerReader
 from ..parallel import Interruptions
+from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.opened_recording import is_marker_bag
 from ..tracking.point_bag import MarkerChoice
 from ..tracking.recording import marker_topic
@@ -130,4 +132,5 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
         for note in take.notes:
             print(note, file=sys.stderr)
         takes.append(take._replace(points=scale * take.points))
-    return calibrate_takes(takes, options.output, options.limits, options.picture, layout, ruler)
+    return calibrate_takes(takes, options.output, options.limits, options.picture, layout, ruler,
+                           partial(prepare_kernels, partial(print, file=sys.stderr)))

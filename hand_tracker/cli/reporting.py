@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from itertools import takewhile
@@ -27,14 +27,23 @@ class CommandParser(argparse.ArgumentParser):
 
         Parameters and result as of `argparse.ArgumentParser`.
         """
+        if self._subparsers is None:
+            # Before an option is missed for which it may stand.
+            self._refuse_unknown(one for one in (sys.argv[1:] if args is None else args)
+                                 if one.startswith('--'))
         found, others = super().parse_known_args(args, namespace)
-        for text in takewhile(lambda one: one != '--', others):
-            if text.startswith('-'):
-                name = text.partition('=')[0]
+        self._refuse_unknown(one for one in takewhile(lambda one: one != '--', others)
+                             if one.startswith('-'))
+        return found, others
+
+    def _refuse_unknown(self, given: Iterable[str]) -> None:
+        """End with a fault that names the first option that is not known, and those near it."""
+        for text in takewhile(lambda one: one != '--', given):
+            name = text.partition('=')[0]
+            if name not in self._option_string_actions:
                 near = get_close_matches(name, self._option_string_actions, cutoff=.7)
                 self.error(f'unknown option {name}' + (
                     f'; is {" or ".join(near)} meant?' if near else ''))
-        return found, others
 
     def error(self, message: str) -> NoReturn:
         """Print a fault of the command line, and exit."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -21,7 +20,7 @@ def note_options(folder: Path, options: argparse.Namespace) -> None:
     """Write the options of a command line into its folder, where others are there or none.
 
     Outputs that are older than this file were made with other options. Without `--resume` nothing
-    is written into a folder that has none.
+    is written into a folder that has none, and never into one of outputs without their options.
 
     Parameters
     ----------
@@ -37,17 +36,15 @@ def note_options(folder: Path, options: argparse.Namespace) -> None:
     before = _read(path)
     if before == chosen:
         return
-    is_new, has_outputs = not path.exists(), any(folder.iterdir())
+    is_new = not path.exists()
+    if is_new and any(folder.iterdir()):
+        print(f'{folder}: with which options the files in it were made is not known: they are '
+              'left as they are', file=sys.stderr)
+        return
     write_whole_text(path, json.dumps(chosen, indent=1) + '\n')
-    if is_new:
-        # What is there is taken for made with these.
-        os.utime(path, (0., 0.))
-        if has_outputs:
-            print(f'{folder}: with which options the files in it were made is not known: they are '
-                  'left as they are', file=sys.stderr)
-    elif options.resume:
-        changes = [f'--{name.replace("_", "-")}: {before.get(name)}, now {chosen.get(name)}'
-                   for name in sorted({*before, *chosen}) if before.get(name) != chosen.get(name)]
+    changes = [f'--{name.replace("_", "-")}: {before.get(name)}, now {chosen.get(name)}'
+               for name in sorted({*before, *chosen}) if before.get(name) != chosen.get(name)]
+    if options.resume and not is_new:
         print(f'{folder}: made with other options ({"; ".join(changes)}): tracked again',
               file=sys.stderr)
 

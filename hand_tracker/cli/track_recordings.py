@@ -73,8 +73,6 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     output = options.output
     require_suffix(output, TRACKED_KINDS)
     kind = output.suffix.lower()
-    if vars(options).get('quality') and kind != TABLE:    # not every command has it
-        raise BagError(f'{output}: --quality adds columns to a table; expected a name with {TABLE}')
     if kind == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))
@@ -232,6 +230,11 @@ def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
 
 def track_recordings(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track one recording into a file, or several into a folder; return the closing line."""
+    kind = (f'.{options.format}' if options.format
+            else PurePath(str(options.output)).suffix.lower())
+    if options.quality and kind in TRACKED_KINDS and kind != TABLE:
+        raise BagError(f'{options.output}: --quality adds columns to a table; expected a name with '
+                       f'{TABLE}')
     given, options.recordings = options.recordings, _expanded(options.recordings)
     if given != options.recordings or len(given) > 1 or options.format:
         return _track_into_folder(options, interrupted)

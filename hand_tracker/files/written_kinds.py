@@ -5,7 +5,8 @@ Nothing is imported here, so that a wrong option is reported at once.
 
 from __future__ import annotations
 
-BAG_SUFFIXES = MCAP, DB3 = '.mcap', '.db3'
+MCAP = '.mcap'
+BAG_SUFFIXES = MCAP, '.db3'
 TABLE = '.csv'
 OUTPUT_KINDS = (TABLE, *BAG_SUFFIXES)                    # of tracked angles
 POINT_KINDS = '.trc', '.c3d'

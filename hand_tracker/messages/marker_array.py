@@ -162,6 +162,7 @@ def find_sources(heads: Iterable[Head], labels: LabelMap, frame_id: str) -> Sour
     first: int | None = None
     found: dict[int, tuple[int, int]] = {}
     unknown: set[tuple[str, int]] = set()
+    of_other: set[tuple[str, int]] = set()  # of all such markers the first
     foreign: set[str] = set()
     doubled: set[int] = set()
     for place, (own, ns, number, kind, action, count) in enumerate(heads):
@@ -176,7 +177,9 @@ def find_sources(heads: Iterable[Head], labels: LabelMap, frame_id: str) -> Sour
         for number, point in points:
             slot = labels.slot(ns, number)
             if slot is None:
-                if len(unknown) < REPORTED and not labels.is_of_other_hand(ns, number):
+                if ns and ns == labels.not_of:
+                    of_other = of_other or {(ns, number)}
+                elif len(unknown) < REPORTED and not labels.is_of_other_hand(ns, number):
                     unknown.add((ns, number))
                 continue
             frame_id = frame_id or own
@@ -193,7 +196,8 @@ def find_sources(heads: Iterable[Head], labels: LabelMap, frame_id: str) -> Sour
     # Contiguous: kernels are compiled for that.
     slots, markers, in_list = np.ascontiguousarray(places.T)
     return Sources(first, slots, markers, in_list, bool((in_list >= 0).any()), frame_id,
-                   tuple(sorted(unknown)), tuple(sorted(foreign)), tuple(sorted(doubled)))
+                   tuple(sorted(unknown | of_other)), tuple(sorted(foreign)),
+                   tuple(sorted(doubled)))
 
 
 def placed(points: np.ndarray, position: ArrayLike, orientation: ArrayLike,

@@ -77,6 +77,7 @@ class HandServices:
         self._hand.reset()
         response.success = True
         response.message = f'the {self._side} hand is tracked as if no frame had come yet' + (
+            ', of the size that is given' if self._hand.stream.size == 'given' else '') + (
             '; the calibration is cancelled' if was_calibrating else '')
         self._node.get_logger().info(response.message)
         return response

@@ -351,7 +351,8 @@ class TrackedHand:
 
     def reset(self) -> None:
         """Track as if no frame had come yet, without a calibration."""
-        self.services.stop()    # which also ends the fast path, whose frames are noted before
+        self.services.stop()    # which also ends the fast path
+        self._published.clear()
         self._forget_frames()
         self.labels_points = self._starts_without_labels
         self.stream.learn_size_anew()

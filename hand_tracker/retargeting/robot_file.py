@@ -120,8 +120,9 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
 def _other_preset(robot: str, named: str) -> tuple[str, ...]:
     """Return a note where a URDF names itself as the robot of another preset than the chosen."""
     presets = preset_names()
-    words = set(re.split(r'[\W_]+', named.lower()))
-    alike = [preset for preset in presets if words & set(preset.split('_'))]
+    words = re.split(r'[\W_]+', named.lower())
+    alike = [preset for preset in presets
+             if any(word.startswith(part) for word in words for part in preset.split('_'))]
     if robot not in presets or robot in alike or not alike:
         return ()
     return (f"the URDF calls its robot '{named}': is the preset {' or '.join(alike)} meant in "

@@ -144,8 +144,19 @@ def test_frames_with_a_stray_in_the_palm_are_left_out_and_told_of(tmp_path, caps
     points[np.arange(len(points)) % 60 < 6, WORN_PLACES.index('little_mcp')] += (.1, .1, 0.)
     take._replace(points=points).save(tmp_path / 'take.npz')
     assert main([str(tmp_path / 'take.npz'), '-o', str(tmp_path / 'hand.yaml')]) == 0
-    assert 'not at their distances in 10% of the frames, which are left out' in (
+    assert 'not at their distances in 10% of the frames, where those elsewhere are left out' in (
         capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('names', [WORN_PLACES, EVERY_JOINT])
+def test_a_marker_that_is_never_within_reach_is_named(names, tmp_path, capsys):
+    take, _ = simulated_take(HAND, names, seconds=10.)
+    points = take.points.copy()
+    points[:, names.index('thumb_tip')] += (.9, 0., 0.)
+    take._replace(points=points).save(tmp_path / 'take.npz')
+    assert main([str(tmp_path / 'take.npz'), '-o', str(tmp_path / 'hand.yaml')]) == 1
+    assert 'thumb_tip is farther from the palm than the thumb reaches in 100% of the frames: are ' \
+        'labels exchanged' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('change', 'reason'), (

@@ -231,7 +231,9 @@ def test_one_marker_on_the_thumb_does_not_widen_what_it_does_not_tell():
     for joint in THUMB_COLUMNS:
         if np.ptp(angles[:, joint]) > .1:
             assert np.corrcoef(found[:, joint], angles[:, joint])[0, 1] > .7, JOINTS[joint]
-    told = angle_uncertainty(fit.hand, fit.layout, spelling.points, spelling.rate)
+    late = np.concatenate((np.full((700, *spelling.points.shape[1:]), np.nan), spelling.points))
+    told = angle_uncertainty(fit.hand, fit.layout, late, spelling.rate)
+    assert np.isnan(angle_uncertainty(fit.hand, fit.layout, late[:700], spelling.rate)).all()
     errors = np.sqrt(np.mean((found - angles) ** 2, axis=0))
     assert (errors < 2. * told)[told > 0.].all()
 

@@ -10,6 +10,8 @@ from hand_tracker.cli import evaluate, robot, track
      '-o/--output (hand_tracker track --help)'),
     (track.main, ('in.c3d', '-o', 'a.csv', '--limit=wide'), 'hand_tracker track: unknown option '
      '--limit; is --limits meant? (hand_tracker track --help)'),
+    (track.main, ('in.c3d', '--ouput', 'a.csv'), 'hand_tracker track: unknown option --ouput; '
+     'is --output meant? (hand_tracker track --help)'),
     (track.main, ('in.c3d', '-o', 'a.csv', '--zzz'),
      'hand_tracker track: unknown option --zzz (hand_tracker track --help)'),
     (robot.main, ('inspect', 'allegro', '--picure', 'a.png'), 'hand_tracker robot inspect: unknown '

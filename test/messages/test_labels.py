@@ -9,6 +9,7 @@ from hand_tracker.messages.labels import (
     label_maps,
     labels_of_hand,
 )
+from hand_tracker.messages.marker_array import ADD, REPORTED, SPHERE, Head, find_sources
 
 
 @pytest.mark.parametrize(('labels', 'markers', 'expected'), [
@@ -58,3 +59,11 @@ def test_markers_in_the_other_sides_namespace_count_only_by_a_label_that_gives_i
     assert LabelMap(['left/*', *'1234567'], not_of='left').slot('left', 3) == 0
     # Markers without a namespace are nobody else's.
     assert LabelMap().slot('', 3) == 3
+
+
+def test_the_other_hands_markers_leave_room_for_those_that_nobody_knows():
+    heads = [Head('mocap', space, number, SPHERE, ADD, 0)
+             for space, first in (('left', 0), ('', 20)) for number in range(first, first + 10)]
+    unknown = find_sources(heads, LabelMap(not_of='left'), '').unknown
+    assert [label for label in unknown if label[0]] == [('left', 0)]
+    assert len(unknown) == REPORTED + 1

@@ -740,7 +740,9 @@ def test_resuming_with_other_options_tracks_again(bag, tmp_path, capsys):
     (folder / 'track_options.json').unlink()
     is_kept, said, _ = run('--side', 'right')
     assert is_kept and 'with which options the files in it were made is not known' in said
-    assert run('--side', 'right')[:2] == (True, '')
+    # It stays unknown, and is said again, until the folder is begun anew.
+    assert run('--side', 'right')[:2] == (True, said)
+    assert not (folder / 'track_options.json').exists()
 
 
 def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
