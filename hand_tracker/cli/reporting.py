@@ -41,7 +41,7 @@ class CommandParser(argparse.ArgumentParser):
         for text in takewhile(lambda one: one != '--', given):
             name = text.partition('=')[0]
             if name not in self._option_string_actions:
-                near = get_close_matches(name, self._option_string_actions, cutoff=.7)
+                near = get_close_matches(name, self._option_string_actions, cutoff=.75)
                 self.error(f'unknown option {name}' + (
                     f'; is {" or ".join(near)} meant?' if near else ''))
 
