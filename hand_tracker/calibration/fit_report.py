@@ -29,6 +29,7 @@ HELD_OUT_FRAMES = 200    # judged, evenly spaced
 # [m] that markers are off the hand in frames that were not fitted, in the mean over all; ours.
 WELL_FITTED, ROUGHLY_FITTED = .0025, .005
 EACH_WELL_FITTED = .005  # [m] that one of them is, of a hand that fits well; ours
+FEW_STRAYS = .05         # share of the frames with a marker elsewhere that do not count; ours
 MOST_MISS = .01          # [m] beyond which it is another marker than its label says; ours
 BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
               'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
@@ -70,8 +71,8 @@ class MarkerResidual(NamedTuple):
     ----------
     marker : str
     fitted, held_out : float
-        Means over fitted frames, and over frames that another fit did not see; NaN where there
-        are none [m].
+        Means over fitted frames, and over frames that another fit did not see, without those
+        with the marker elsewhere where these are few; NaN where there are none [m].
     elsewhere : float
         Share of these frames in which it is more than `ELSEWHERE` off.
     """
@@ -224,8 +225,11 @@ def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
 
 def _residual(marker: str, fitted: np.ndarray, held_out: np.ndarray) -> MarkerResidual:
     seen = np.concatenate((fitted, held_out))
-    return MarkerResidual(marker, _mean(fitted), _mean(held_out), float(
-        np.count_nonzero(seen > ELSEWHERE) / max(np.isfinite(seen).sum(), 1)))
+    elsewhere = np.count_nonzero(seen > ELSEWHERE) / max(np.isfinite(seen).sum(), 1)
+    if elsewhere <= FEW_STRAYS:
+        # They are told of, and are not the hand's.
+        fitted, held_out = (one[~(one > ELSEWHERE)] for one in (fitted, held_out))
+    return MarkerResidual(marker, _mean(fitted), _mean(held_out), float(elsewhere))
 
 
 def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:

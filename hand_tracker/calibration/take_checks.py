@@ -13,6 +13,8 @@ from .worn_markers import PAPER_PALM, worn_names
 
 LEAST_DURATION = 5.              # [s] of all takes together
 KNUCKLES = 'index_mcp', 'little_mcp'
+PALM_PAIRS = tuple(zip(PAPER_PALM, (*PAPER_PALM[1:], PAPER_PALM[0])))
+MOST_CHANGE = .005               # [m] of a palm's distance from take to take of one hand; ours
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
@@ -68,7 +70,7 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
             # One in which no finger bends that far shows no side.
             _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
     _check_side(named, side, gathered, worn, local, LEAST_MOTION)
-    weak = _check_motion(named, gathered, worn, local)
+    weak = [*_other_wearers(takes), *_check_motion(named, gathered, worn, local)]
     others = [f'{name} for {place}' for name, place in zip(worn, PAPER_PALM) if name != place]
     if others and not gathered.usual:   # else all markers are tracked
         weak.append(f'the palm of the hand file has {", ".join(others)}: what is tracked has to '
@@ -122,6 +124,28 @@ def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...], palm: Pal
             f'{1e3 * np.sqrt(np.nanmean(misses[:, moving] ** 2)):.0f} mm; expected less than '
             f'{1e3 * PALM_BEND:g}: wrong labels, or a marker that came off')
     return float(np.mean(np.nan_to_num(misses).max(axis=1) > OUT_OF_SHAPE))
+
+
+def _other_wearers(takes: Sequence[MarkerTake]) -> list[str]:
+    """Return a line on each take whose palm has other distances than the first one's."""
+    (first, usual), *others = ((take.name, _palm_distances(take)) for take in takes)
+    found = []
+    for name, distances in others:
+        change = np.nan_to_num(np.abs(distances - usual))
+        worst = int(change.argmax())
+        if change[worst] > MOST_CHANGE:
+            found.append(f'{name}: {" and ".join(PALM_PAIRS[worst])} are '
+                         f'{1e3 * distances[worst]:.0f} mm apart, {1e3 * usual[worst]:.0f} in '
+                         f'{first}: another person, or markers put on anew?')
+    return found
+
+
+def _palm_distances(take: MarkerTake) -> np.ndarray:
+    """Return the median distance of each of `PALM_PAIRS`, NaN where it is never seen [m]."""
+    points = take.columns(PAPER_PALM)
+    sides = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2)
+    return np.array([np.median(side[np.isfinite(side)]) if np.isfinite(side).any() else np.nan
+                     for side in sides.T])
 
 
 def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],

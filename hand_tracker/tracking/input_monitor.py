@@ -126,7 +126,7 @@ class InputMonitor:
         for name in frame.foreign:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                            f"frame '{frame.frame_id}' are tracked ({self.names.frame})")
-        if self.labels.not_of and (other := self._other_hand(frame)):
+        if frame.unknown and (other := self._other_hand(frame)):
             self.warn_once('other hand', other)
         new = [slot for slot in frame.doubled if self._once.allows(('doubled', slot))]
         if new:

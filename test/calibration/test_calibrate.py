@@ -148,6 +148,26 @@ def test_frames_with_a_stray_in_the_palm_are_left_out_and_told_of(tmp_path, caps
         capsys.readouterr().err)
 
 
+def test_takes_of_two_people_are_doubted(tmp_path, capsys):
+    for name, hand in (('one', HAND), ('other', Hand.scaled(.165, .074)), ('again', HAND)):
+        simulated_take(hand, WORN_PLACES, seconds=10.)[0].save(tmp_path / f'{name}.npz')
+    for other, is_doubted in (('other', True), ('again', False)):
+        assert main([str(tmp_path / 'one.npz'), str(tmp_path / f'{other}.npz'), '-o',
+                     str(tmp_path / 'hand.yaml')]) == 0
+        assert ('another person, or markers put on anew?' in capsys.readouterr().err) == is_doubted
+
+
+def test_a_few_frames_with_a_stray_do_not_refuse_a_take(tmp_path, capsys):
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
+    points = take.points.copy()
+    stray = np.random.default_rng(1).random(len(points)) < .03
+    points[stray, WORN_PLACES.index('thumb_tip')] += (.3, .2, .2)
+    take._replace(points=points).save(tmp_path / 'take.npz')
+    assert main([str(tmp_path / 'take.npz'), '-o', str(tmp_path / 'hand.yaml')]) == 0
+    said = capsys.readouterr().out
+    assert 'the hand fits well' in said and 'thumb_tip is more than 20 mm off in ' in said
+
+
 @pytest.mark.parametrize('names', [WORN_PLACES, EVERY_JOINT])
 def test_a_marker_that_is_never_within_reach_is_named(names, tmp_path, capsys):
     take, _ = simulated_take(HAND, names, seconds=10.)
