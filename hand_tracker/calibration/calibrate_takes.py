@@ -34,7 +34,8 @@ PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, 
 
 def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEARER_LIMITS,
                     picture: Path | None = None, layout: MarkerLayout | None = None,
-                    ruler: Ruler = UNMEASURED, prepare: Callable[[], object] = bool) -> str:
+                    ruler: Ruler = UNMEASURED,
+                    prepare: Callable[[], object] = lambda: None) -> str:
     """Fit a hand to takes, print the report, and write hand file and picture.
 
     Parameters
@@ -94,7 +95,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     else:
         worn, (names, _) = fitted_layout(fit, layout), names_in_layout(layout)
     prepare()
-    deviations = angle_uncertainty(fit.hand.as_right(), worn, _columns(gathered, names), rate)
+    deviations = angle_uncertainty(fit.hand.as_right(), worn, gathered.columns(names), rate)
     lines = [f'{report.verdict()}; {uncertainty_range(deviations)}', '', *report.lines(), '',
              *_unusual_bends(fit.hand), *uncertainty_lines(deviations), '',
              *_coverage_lines(covered)]
@@ -127,13 +128,6 @@ def _fit_with_progress(gathered: Gathered, side: str, limits: str,
         for _ in Progress(2 * FIT_STEPS, 'fits of a digit').over(iter(steps.get, False)):
             pass
         return found.result()
-
-
-def _columns(gathered: Gathered, names: Sequence[str]) -> np.ndarray:
-    """Return the markers of some names, (T, n, 3), NaN of those that the takes do not have [m]."""
-    none = np.full((len(gathered.points), 3), np.nan)
-    return np.stack([gathered.points[:, gathered.names.index(name)]
-                     if name in gathered.names else none for name in names], axis=1)
 
 
 def _unusual_bends(hand: Hand) -> list[str]:

@@ -13,6 +13,7 @@ from .palm_template import ELSEWHERE
 # Distance of markers from a digit's first joint, in that of the straight digit's farthest one as it
 # is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. Ours.
 MARKER_REACH, MARKER_REACH_MARGIN = 1.25, .01
+LEAST_WITHIN_REACH = .2       # of a marker's frames; with fewer its label is wrong. Ours
 ELSEWHERE_AT_FIRST = .04      # [m] as `ELSEWHERE`, by the usual shape, which people leave. Ours
 MOST_STRAYS = .2              # of all frames; with more, labels are wrong. Ours
 CHOSEN_FRAMES = 150

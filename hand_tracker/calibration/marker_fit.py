@@ -22,6 +22,7 @@ from ..core.model.marker_layout import MarkerLayout
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
+    LEAST_WITHIN_REACH,
     MOST_STRAYS,
     DigitFit,
     chosen_problem,
@@ -262,7 +263,7 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
     reached = within_reach(problem)
     seen, near = (np.isfinite(one.points).all(axis=2).sum(axis=0) for one in (problem, reached))
     for name, before_that, left in zip(marked.names, seen, near):
-        if left < MOST_STRAYS * before_that:
+        if left < LEAST_WITHIN_REACH * before_that:
             raise InvalidTake(f'{name} is farther from the palm than the {DIGITS[digit]} reaches '
                               f'in {1. - left / before_that:.0%} of the frames: {WRONG_MARKERS}')
     chosen = chosen_problem(reached, DIGITS[digit] == 'thumb', before and before.shape)

@@ -66,12 +66,7 @@ class MarkerTake(NamedTuple):
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Return the markers of canonical names, NaN where there are none, (T, k, 3) [m]."""
-        mine = [canonical_name(name) for name in self.names]
-        points = np.full((len(self.points), len(names), 3), np.nan)
-        for i, name in enumerate(names):
-            if name in mine:
-                points[:, i] = self.points[:, mine.index(name)]
-        return points
+        return _columns(self.points, [canonical_name(name) for name in self.names], names)
 
     def part(self, frames: np.ndarray) -> 'MarkerTake':
         """Return some of the frames."""
@@ -101,9 +96,22 @@ class Gathered(NamedTuple):
         """Names of the markers."""
         return [marker.name for marker in self.markers]
 
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Return the markers of some names, NaN where there are none, (T, k, 3) [m]."""
+        return _columns(self.points, self.names, names)
+
     def of(self, digit: int) -> list[int]:
         """Return the columns of a digit's markers, of the palm's for -1."""
         return [i for i, marker in enumerate(self.markers) if marker.digit == digit]
+
+
+def _columns(points: np.ndarray, mine: Sequence[str], names: Sequence[str]) -> np.ndarray:
+    """Return the points (T, n, 3) of some names, NaN of those that are not among mine."""
+    found = np.full((len(points), len(names), 3), np.nan)
+    for i, name in enumerate(names):
+        if name in mine:
+            found[:, i] = points[:, mine.index(name)]
+    return found
 
 
 def gather(takes: Sequence[MarkerTake], ruler: Ruler = UNMEASURED) -> Gathered:
