@@ -98,7 +98,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
     fault = label_markers(model, chains, options, state, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     # 2, 3 Filtering and occlusion, palm: filter its markers, predict hidden ones.
-    palm = predict_palm(model, options, state, markers, seen, step)
+    palm = predict_palm(options, state, markers, seen, step)
     if palm == LOST:
         # The digits' markers have located the palm; nothing is left to locate them by.
         seen[3:] = False
@@ -210,13 +210,13 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
 
 
 @jit
-def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
-                 markers: np.ndarray, seen: np.ndarray, step: float) -> int:
+def predict_palm(options: Pack[KernelOptions], state: Pack[State], markers: np.ndarray,
+                 seen: np.ndarray, step: float) -> int:
     """Filter the palm's markers and predict hidden ones; return the `PalmState`.
 
     Parameters
     ----------
-    model, options, state : packs
+    options, state : packs
         As for `track_frame`; the state is changed.
     markers : ndarray, shape (8, 3)
         [m]
@@ -225,9 +225,9 @@ def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[S
     step : float
         Since the last frame [s].
     """
-    model, options, state = model[0], options[0], state[0]
+    options, state = options[0], state[0]
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
-                      state.digits, state.wrist, model.template, options.prediction)
+                      state.digits, state.wrist, state.palm_shape, options.prediction)
 
 
 @jit

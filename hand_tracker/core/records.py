@@ -102,6 +102,8 @@ class State(NamedTuple):
         Of the markers of layouts with more than the principal ones.
     fitted : Wrist
         This frame's wrist by all markers of the palm.
+    palm_shape : ndarray, shape (3, 3)
+        The palm's markers in the wrist's frame, as last seen [m].
     """
 
     palm: Tracks
@@ -131,6 +133,7 @@ class State(NamedTuple):
     roots: np.ndarray
     rows: RowState
     fitted: Wrist
+    palm_shape: np.ndarray
 
 
 def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
@@ -166,4 +169,5 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
         repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),
         verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
         changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape),
-        rows=initial_rows(relaxed), fitted=wrist_at_origin())
+        rows=initial_rows(relaxed), fitted=wrist_at_origin(),
+        palm_shape=template.copy())

@@ -159,6 +159,7 @@ class HandTracker:
                        self.options if options is None else options)
         # Those of the former hand's capsules.
         self._state.are_placed[:] = False
+        self._state.palm_shape[:] = self._template
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):

@@ -120,6 +120,24 @@ def test_a_hidden_marker_is_predicted_near_where_it_is(rows):
     assert misses.max() < .012 and (misses[-1] < .5 * moved).all()
 
 
+@pytest.mark.parametrize('rows', [(0,), (1,), (2,), (0, 1), (1, 2)])
+@pytest.mark.parametrize('palm_method', ['rigid', 'spheres'])
+@pytest.mark.parametrize('hand', [HAND, HAND.mirrored()])
+def test_a_palm_whose_skin_slides_stays_where_it_is_when_markers_vanish(hand, palm_method, rows):
+    """It does not go back to the shape that it was calibrated with, nor creep."""
+    tracker = HandTracker(hand, options=TrackerOptions(palm_method=palm_method))
+    markers = markers_of(hand, np.clip(.3 * np.ones(25), *hand.limits.T))
+    markers[:3] += .004 * np.array(((1., .5, .2), (-.3, .8, -.5), (.4, -1., .6)))
+    for frame in range(120):
+        before = tracker.update(markers, frame * STEP)
+    hidden = markers.copy()
+    hidden[list(rows)] = np.nan
+    for frame in range(120, 3720):
+        state = tracker.update(hidden, frame * STEP)
+        np.testing.assert_allclose(state.markers[:3], markers[:3], atol=2e-4)
+        np.testing.assert_allclose(state.wrist_position, before.wrist_position, atol=2e-4)
+
+
 @pytest.mark.parametrize('one, other', [(3, 4), (4, 6), (3, 7), (1, 2), (0, 5)])
 def test_swapped_labels_are_put_right_within_three_frames_and_reported(one, other):
     def swap(frame, markers):

@@ -2,7 +2,8 @@
 
 A hidden palm marker is completed rigidly from the seen ones, moves on by its own fading motion
 (inertia), and is corrected by a rigid fit that includes the fingers' markers, which stay near
-their places in the wrist's frame while the palm turns.
+their places in the wrist's frame while the palm turns. Its place in the palm is that where it was
+last seen with the others: skin slides, which moves markers off the template by millimetres.
 """
 
 import numpy as np
@@ -13,19 +14,30 @@ from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
 from ..numerics.rigid_fit import step_rigidly
 from ..numerics.stack_memory import local_floats
-from ..numerics.vectors import Vector, add, rotate, scale, store, subtract, vector
+from ..numerics.vectors import (
+    Vector,
+    add,
+    components,
+    frame,
+    rotate,
+    scale,
+    store,
+    subtract,
+    vector,
+)
 from .prediction import Observation, PredictionOptions
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
 PREDICTED_PALM_WEIGHTS = (.3, 1., 4.)  # with 0, 1 and 2 palm markers seen
 RIGID_FIT_STEPS = 2      # linear least-squares steps
+PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
 
 @jit
 def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tracks, wrist: Wrist,
-               template: np.ndarray, options: PredictionOptions) -> int:
+               shape: np.ndarray, options: PredictionOptions) -> int:
     """Filter the palm's seen markers and predict its hidden ones.
 
     Parameters
@@ -38,8 +50,8 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
         Of the palm's markers, changed, and of the digits'.
     wrist : Wrist
         Of the last frame.
-    template : ndarray, shape (3, 3)
-        Palm markers in the wrist's frame [m].
+    shape : ndarray, shape (3, 3)
+        Palm markers in the wrist's frame, at first the template; updated [m].
     options : PredictionOptions
 
     Returns
@@ -54,7 +66,9 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
             count += 1
     if count < 3 and not wrist.placed[0]:
         return WAITING
-    before = palm_places(template, wrist)
+    if tracks.seen[0] and tracks.seen[1] and tracks.seen[2]:
+        _learn_shape(tracks, wrist, min(step / PALM_SHAPE_TIME, 1.), shape)
+    before = palm_places(shape, wrist)
     for i in range(3):
         if seen[i]:
             update_track(tracks, i, vector(markers[i]), step, observation.noise[i],
@@ -72,10 +86,24 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
         hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
         if options.palm_from_fingers and (
                 count > 0 or hidden_for <= options.max_prediction_time):
-            _fit_to_fingers(markers, seen, tracks, digits, template, count)
+            _fit_to_fingers(markers, seen, tracks, digits, shape, count)
     for i in range(3):
         tracks.seen[i] = seen[i]
     return TRACKED if count == 3 else CARRIED if count > 0 else LOST
+
+
+@jit
+def _learn_shape(tracks: Tracks, wrist: Wrist, gain: float, shape: np.ndarray) -> None:
+    """Average the palm's shape over the last frame, in which all three markers were seen.
+
+    The wrist is fitted to the shape as to the template, as both of its fits are linear in the
+    markers' places: completed by it, a hidden marker does not creep.
+    """
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    for i in range(3):
+        place = components(axes, subtract(vector(tracks.mean[i]), origin))
+        for k in range(3):
+            shape[i, k] += gain * (place[k] - shape[i, k])
 
 
 @jit
@@ -89,10 +117,10 @@ def _extrapolated(tracks: Tracks, ahead: float) -> Corners:
 
 @jit
 def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
-                    template: np.ndarray, count: int) -> None:
+                    shape: np.ndarray, count: int) -> None:
     """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
     axes, origin = rigid_palm(
-        (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), template)
+        (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), shape)
     points = local_floats((8, 3))
     aims = local_floats((8, 3))
     weights = local_floats(8)

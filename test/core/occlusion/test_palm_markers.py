@@ -28,7 +28,7 @@ class Palm:
 
     def __init__(self, by_fingers=True, longest=2., fading=.04):
         self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGER_POSITIONS)
-        self.wrist = wrist_at_origin()
+        self.wrist, self.shape = wrist_at_origin(), TEMPLATE.copy()
         self.options = PredictionOptions(False, fading, by_fingers, 0., longest, 0.)
 
     def see(self, rotation, position, hidden=(), digits=FINGER_POSITIONS):
@@ -39,7 +39,7 @@ class Palm:
         markers[~seen] = np.nan
         state = track_palm(
             Observation(markers, seen, np.full(8, 1e-4)), STEP, self.tracks, self.digits,
-            self.wrist, TEMPLATE, self.options)
+            self.wrist, self.shape, self.options)
         if state != PalmState.WAITING:
             # The true pose, or what is left of it is measured with its own errors.
             self.wrist = Wrist(np.array(rotation), np.array(position), np.array((True,)))
