@@ -191,7 +191,7 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     if model.rows.is_needed[0]:
         measure_rows(model.rows, state.rows, markers, seen, step)
         fit_principal_palm(model.rows, state.rows, chains.lower, chains.upper, state.separated,
-                           state.wrist, state.fitted, markers, seen)
+                           state.wrist, state.fitted, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):

@@ -159,7 +159,7 @@ class HandTracker:
                        self.options if options is None else options)
         # Those of the former hand's capsules.
         self._state.are_placed[:] = False
-        self._state.palm_shape[:] = self._template
+        self._state.palm_shape[:], self._state.rows.shift[:] = self._template, 0.
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):

@@ -12,6 +12,7 @@ from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import (
     ALL_LANDMARKS,
     MARKERS,
+    PALM_LANDMARKS,
     PAPER_PLACES,
     MarkerLayout,
     marker_positions,
@@ -107,6 +108,32 @@ def test_the_palm_is_placed_by_the_markers_that_are_seen():
     off = np.linalg.norm([state.wrist_position for state in states] - moved[2], axis=1)
     assert off.max() < 2e-3
     assert states[-1].palm is PalmState.TRACKED
+
+
+@pytest.mark.parametrize('hidden', ['wrist', 'index_mcp', 'little_mcp'])
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_a_palm_whose_skin_slides_hardly_moves_when_a_marker_comes_or_goes(side, hidden):
+    """What the marker held back the palm gives way to by and by, as if it had never been worn."""
+    hand, layout = HAND.replace(side=side), preset_layout('kyutech23')
+    on_palm = [place in PALM_LANDMARKS for place in layout.places]
+    markers = markers_of(layout, motion(1, hand=hand), hand)[0]
+    slid = np.random.default_rng(2).normal(scale=.003, size=markers.shape)
+    markers += np.where(np.array(on_palm)[:, None], slid, 0.)
+    without = markers.copy()
+    without[layout.places.index(hidden)] = np.nan
+    tracker = HandTracker(hand, layout)
+    before = tracked(tracker, 120 * [markers])[-1]
+    never = tracked(HandTracker(hand, layout), 120 * [without])[-1]
+
+    def moved(state, other):
+        return np.linalg.norm(state.wrist_position - other.wrist_position)
+
+    gone = [tracker.update(without, (120 + i) / RATE) for i in range(300)]
+    assert moved(gone[0], before) < .1 * moved(never, before)
+    assert moved(gone[-1], never) < .05 * moved(never, before)
+    steps = [moved(one, other) for one, other in zip(gone[1:], gone)]
+    assert max(steps) < .15 * moved(never, before)
+    assert moved(tracker.update(markers, 420 / RATE), gone[-1]) < .5 * moved(never, before)
 
 
 def test_an_outlier_among_many_markers_moves_the_hand_little():

@@ -23,9 +23,11 @@ from ..numerics.vectors import (
     components,
     dot,
     frame,
+    length,
     rotate,
     rotate_about,
     rotate_about_y,
+    scale,
     store,
     store_pose,
     subtract,
@@ -48,6 +50,8 @@ CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
 LEAST_FREE = 4                        # markers of the palm that determine an arch
+PALM_SHIFT_TIME = .1                  # [s] that the markers' shifts are averaged over
+SHIFT_FADE_TIME = 2.                  # [s] in which they fade once a marker has come or gone
 
 
 @jit
@@ -107,10 +111,12 @@ def lay_targets_flat(rows: MarkerRows, state: RowState, angles: np.ndarray) -> N
 @jit
 def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
                        angles: np.ndarray, wrist: Wrist, fitted: Wrist, markers: np.ndarray,
-                       seen: np.ndarray) -> None:
+                       seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    Hidden principal markers count as seen, up to the number of the palm's measured markers.
+    Hidden principal markers count as seen, up to the number of the palm's measured markers. When
+    one comes or goes, all are expected as far off their places on the hand as they last were, which
+    fades: skin slides by millimetres, and the palm would jump.
 
     Parameters
     ----------
@@ -129,6 +135,8 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         The palm's principal ones, first, are replaced [m].
     seen : ndarray of bool, shape (n,)
         Changed.
+    step : float
+        Since the last frame [s].
     """
     several = rows.has_several[5] > 0
     if not (several or rows.is_cupping[0]):
@@ -137,10 +145,12 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         synergy(rows.synergy, angles, lower, upper, state.arch)
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
+    _fade_shifts(rows, state, step)
     count = _solve_palm(
         rows, state, lower, upper, several and rows.is_cupping[0] > 0, fitted)
     if count == 0:
         return
+    _learn_shifts(rows, state, fitted, step)
     shown = 0
     for i in range(3):
         shown += seen[i]
@@ -151,6 +161,45 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
             shown += 1
         store(markers, i, add(origin, rotate(axes, add(
             vector(rows.end[i]), vector(rows.offset[i])))))
+
+
+@jit
+def _fade_shifts(rows: MarkerRows, state: RowState, step: float) -> None:
+    """Take the shifts wholly into account once a marker of the palm has come or gone, then less."""
+    share = max(state.shift_share[0] - step / SHIFT_FADE_TIME, 0.)
+    for row in range(rows.used[0]):
+        if rows.digit[row] < 0 and state.is_known[row] and (
+                state.is_measured[row] != state.was_measured[row]):
+            share = 1.
+    state.shift_share[0] = share
+
+
+@jit
+def _learn_shifts(rows: MarkerRows, state: RowState, wrist: Wrist, step: float) -> None:
+    """Average the shifts of the measured markers, unless the fit has taken any into account."""
+    if state.shift_share[0] > 0.:
+        return
+    gain = min(step / PALM_SHIFT_TIME, 1.)
+    for row in range(rows.used[0]):
+        if _is_shown(rows, state, row):
+            miss = _miss(rows, state, row, wrist)
+            for k in range(3):
+                state.shift[row, k] += gain * (miss[k] - state.shift[row, k])
+
+
+@jit
+def _expected_place(rows: MarkerRows, state: RowState, row: int) -> Vector:
+    """Return where a palm marker is expected, in the wrist's frame [m]."""
+    flexion = state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
+    return add(on_palm(rows, row, flexion), scale(vector(state.shift[row]), state.shift_share[0]))
+
+
+@jit
+def _miss(rows: MarkerRows, state: RowState, row: int, wrist: Wrist) -> Vector:
+    """Return how far a palm marker is off its expected place, in the wrist's frame [m]."""
+    local = components(frame(wrist.rotation),
+                       subtract(vector(state.points[row]), vector(wrist.position)))
+    return subtract(local, _expected_place(rows, state, row))
 
 
 @jit
@@ -214,14 +263,10 @@ def _solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.
 @jit
 def _mean_miss(rows: MarkerRows, state: RowState, wrist: Wrist) -> float:
     """Return the mean distance of the palm's markers from their places on the last pose [m]."""
-    axes, origin = frame(wrist.rotation), vector(wrist.position)
     total, count = 0., 0
     for row in range(rows.used[0]):
-        if rows.digit[row] < 0 and state.is_measured[row]:
-            flexion = state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
-            x, y, z = subtract(components(axes, subtract(vector(state.points[row]), origin)),
-                               on_palm(rows, row, flexion))
-            total += math.sqrt(x * x + y * y + z * z)
+        if _is_shown(rows, state, row):
+            total += length(_miss(rows, state, row, wrist))
             count += 1
     return total / count
 
@@ -267,15 +312,13 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
     gradient[:] = 0.
     for k in range(POSE_UNKNOWNS):
         matrix[k, k] = PALM_STEP_SPREADS[k // 3] ** -2
-    axes, origin = frame(wrist.rotation), vector(wrist.position)
     by = local_floats((3, UNKNOWNS))
     for row in range(rows.used[0]):
         if not _is_shown(rows, state, row):
             continue
         finger = rows.link[row]
-        x, y, z = on_palm(rows, row, state.arch[finger] if finger >= 0 else 0.)
-        ex, ey, ez = subtract(
-            components(axes, subtract(vector(state.points[row]), origin)), (x, y, z))
+        x, y, z = _expected_place(rows, state, row)
+        ex, ey, ez = _miss(rows, state, row, wrist)
         loss = 1. + (ex * ex + ey * ey + ez * ez) / (outlier * outlier)
         weight = 1. / (rows.variance[row] * loss * loss)
         by[:] = 0.

@@ -176,6 +176,11 @@ class RowState(NamedTuple):
         Digits that all their markers have solved in this frame, so that the principal one need not.
     is_followed : ndarray of bool, shape (5,)
         The others whose principal marker is seen.
+    shift : ndarray, shape (65, 3)
+        How far each palm marker is off its place on the palm, in the wrist's frame, as last seen
+        together with the others [m].
+    shift_share : ndarray, shape (1,)
+        Share of these that the fit of the palm takes into account [1].
     """
 
     points: np.ndarray
@@ -190,6 +195,8 @@ class RowState(NamedTuple):
     targets: np.ndarray
     is_solved: np.ndarray
     is_followed: np.ndarray
+    shift: np.ndarray
+    shift_share: np.ndarray
 
 
 def initial_rows(relaxed: np.ndarray) -> RowState:
@@ -200,4 +207,5 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
     return RowState(np.full((ROW_CAPACITY, 3), np.nan), none(), none(), none(),
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
-                    np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool))
+                    np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
+                    np.zeros((ROW_CAPACITY, 3)), np.zeros(1))
