@@ -34,6 +34,7 @@ from hand_tracker.launching.launch_plan import (
 )
 from hand_tracker.launching.rviz_config import rviz_config
 from hand_tracker.package_data import packaged_recording
+from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.shown_robot import shown_robot
 from launch import Action, LaunchContext, LaunchDescription
 
@@ -262,11 +263,14 @@ def skins(plan: LaunchPlan) -> list[Action]:
 
 def retargets(plan: LaunchPlan) -> list[Action]:
     """Return the drivers of robots; one that is not of the hand's side refuses by name."""
+    driven = [(hand, robot) for hand, robot in zip(plan.hands, plan.robots) if robot['robot']]
+    for hand, robot in driven:
+        # One that is not there ends the launch, not its driver alone amid the others.
+        load_robot(robot['robot'], robot['robot_description'], preferred_side=hand.hand.side)
     if plan.has_robot:
         return []
     return [node(plan, 'retarget', robot, file=plan.given['parameters'], namespace=hand.namespace,
-                 remappings=plan.joint_remappings(hand))
-            for hand, robot in zip(plan.hands, plan.robots) if robot['robot']]
+                 remappings=plan.joint_remappings(hand)) for hand, robot in driven]
 
 
 def robots_beside(plan: LaunchPlan) -> list[Action]:

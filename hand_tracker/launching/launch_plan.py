@@ -452,6 +452,9 @@ def refuse_unknown_arguments(words: Sequence[str], known: Sequence[str]) -> None
     for name in filter(str.isidentifier, given):
         if name not in known:
             alike = get_close_matches(name, known, 1)
-            raise InvalidLaunch(f"there is no argument '{name}'"
-                                + (f", did you mean '{alike[0]}'?" if alike else '')
-                                + f'; expected are {", ".join(known)}')
+            is_parameter = name in {word for row in START for word in (row.name, row.short_name)}
+            raise InvalidLaunch(
+                f"there is no argument '{name}'"
+                + (', but a parameter of the tracker for a file (parameters:=FILE)' if is_parameter
+                   else f", did you mean '{alike[0]}'?" if alike else '')
+                + f'; expected are {", ".join(known)}')

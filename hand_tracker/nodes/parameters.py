@@ -26,6 +26,8 @@ class Parameter(NamedTuple):
         Whether it is read only once, when the node starts.
     any_type : bool
         Whether a value may have another type than the default.
+    short_name : str
+        By which it may be given at the start, too.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Parameter(NamedTuple):
     choices: tuple[str, ...] = ()
     read_only: bool = False
     any_type: bool = False
+    short_name: str = ''
 
 
 def option_parameters(kind: type, scope: str = '') -> tuple[Parameter, ...]:

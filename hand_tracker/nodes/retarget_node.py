@@ -456,7 +456,8 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(
                 f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
                 'of its own (remap joint_states). Joints of others are left out, which takes '
-                'time; two trackers of one hand would both move the robot', once=True)
+                'time; two trackers of one hand would both move the robot (one that was killed '
+                'counts for 20 s)', once=True)
 
     def _warn_of_shared_commands(self) -> None:
         """Warn once of others who publish its commands."""

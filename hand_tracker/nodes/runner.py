@@ -80,6 +80,10 @@ def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
 
     if choices:
         node.add_on_set_parameters_callback(check_choices)
+    given = getattr(node, '_parameter_overrides', {})
+    for row in table:
+        if row.short_name in given:
+            given.setdefault(row.name, given.pop(row.short_name))
     return {row.name: node.declare_parameter(row.name, row.default, _descriptor(row)).value
             for row in table}
 

@@ -117,7 +117,7 @@ class TrackedHand:
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
-        self._starts_without_labels = start['labels'] == WITHOUT_LABELS
+        self._starts_without_labels = start['labels.from'] == WITHOUT_LABELS
         self.labels_points = self._starts_without_labels
         self._point_labels = point_labels or PointLabels()
         kind = MARKER_MESSAGES[start['marker_message']]

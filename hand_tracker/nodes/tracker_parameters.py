@@ -115,9 +115,10 @@ _START_ROWS = (
     Parameter('broadcast', 'wrist', 'Frames to broadcast on /tf: the wrist alone, when '
               'robot_state_publisher broadcasts the rest, all or none',
               choices=('wrist', 'all', 'none')),
-    Parameter('labels', LABEL_SOURCES[0], 'source: markers have the labels of labels.*; none: '
-              'they are points without usable ids, and are labelled by the shape of the hand',
-              choices=LABEL_SOURCES),
+    # Of parameters as a file's nested keys none may have the name of a section of others.
+    Parameter('labels.from', LABEL_SOURCES[0], 'source: markers have the labels of labels.*; '
+              'none: they are points without usable ids, and are labelled by the shape of the hand',
+              choices=LABEL_SOURCES, short_name='labels'),
     Parameter('marker_message', DEFAULT_MESSAGE, 'Messages on the topic markers: MarkerArrays, '
               'Markers or RigidBodies of mocap4r2, landmarks as a PoseArray, a NamedPoseArray or a '
               'MarkerArray of so many, or a PointCloud2',

@@ -143,7 +143,7 @@ def find_urdf(text: str, file: Path) -> str:
     raise InvalidRobot(f"{file}: retargeting.urdf_path: there is no '{text}' beside this file or "
                        "in a folder above it; dex-retargeting's paths are relative to a URDF "
                        "directory of its own: give the URDF's path (--robot-description of a "
-                       'command, robot_description of the node)')
+                       'command, robot_description of node and launch)')
 
 
 def _list(given: dict[str, Any], key: str, source: str) -> list[Any]:

@@ -106,7 +106,8 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
     if not given:
         raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF "
-                           '(--robot-description of a command, robot_description of the node)')
+                           '(--robot-description of a command, robot_description of node and '
+                           'launch)')
     if given.lstrip().startswith('<'):
         tree, place = read_urdf_tree(given, 'robot_description'), ''
     else:

@@ -230,6 +230,8 @@ def test_an_unknown_argument_is_refused():
     refuse_unknown_arguments(['launch', 'side:=left', 'a/b:=x'], ['side'])
     with pytest.raises(InvalidLaunch, match="'sied', did you mean 'side'"):
         refuse_unknown_arguments(['sied:=left'], ['side', 'loop'])
+    with pytest.raises(InvalidLaunch, match="'labels', but a parameter of the tracker for a file"):
+        refuse_unknown_arguments(['labels:=none'], ['side', 'loop'])
 
 
 @pytest.mark.parametrize('line, is_named', [

@@ -92,7 +92,7 @@ def test_cleaned_up_it_loads_the_hand_file_as_it_is_then(tmp_path):
 
 
 def test_cleaned_up_it_searches_the_hand_among_points_anew():
-    with NodeProcess(MODULE, {**LOSSLESS, 'labels': 'none', 'auto_size': False}) as process, \
+    with NodeProcess(MODULE, {**LOSSLESS, 'labels.from': 'none', 'auto_size': False}) as process, \
             watching_node() as node:
         bench = Bench(process, node, 1000, 'hand_tracker')
         process.wait_for_line('listening')

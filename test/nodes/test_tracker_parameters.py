@@ -223,6 +223,13 @@ def test_names_are_distinct_and_described():
         assert isinstance(row.default, (bool, str)) or row.range
 
 
+def test_a_file_of_nested_keys_can_hold_all():
+    """As `ros2 param dump` writes it."""
+    names = {row.name for row in START + live_table(Hand.scaled())}
+    sections = {name[:end] for name in names for end, letter in enumerate(name) if letter == '.'}
+    assert sections and not sections & names
+
+
 def both(**values):
     """Return the values of the start of both hands, by side."""
     given = {name.replace('__', '.'): value for name, value in values.items()}

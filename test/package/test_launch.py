@@ -272,7 +272,10 @@ def test_a_left_hand_in_a_namespace_loops(watch, tmp_path):
     ({'parameters': RVIZ}, 'hand_tracker.rviz: for no node; expected'),
     ({'parameters': __file__}, 'test_launch.py:1:3: no YAML; expected YAML'),
     ({'sied': 'left'}, "there is no argument 'sied', did you mean 'side'?; expected are source"),
-    ({'loops': 'true', 'side': 'left'}, "there is no argument 'loops', did you mean 'loop'?")])
+    ({'loops': 'true', 'side': 'left'}, "there is no argument 'loops', did you mean 'loop'?"),
+    ({'labels': 'none'}, "there is no argument 'labels', but a parameter of the tracker"),
+    ({'robot': 'absent'}, "robot: 'absent' is no file and no preset; presets are"),
+    ({'robot': 'allegro'}, "no urdf: give the path of the robot's URDF")])
 def test_what_would_be_left_out_silently_is_refused(arguments, said):
     with Launch(**arguments) as process:
         assert process.wait() == 1
