@@ -136,6 +136,31 @@ def test_a_palm_whose_skin_slides_hardly_moves_when_a_marker_comes_or_goes(side,
     assert moved(tracker.update(markers, 420 / RATE), gone[-1]) < .5 * moved(never, before)
 
 
+@pytest.mark.parametrize('hidden', ['index_pip', 'middle_dip', 'ring_tip', 'thumb_tip'])
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_a_digit_whose_skin_slides_hardly_moves_when_a_marker_comes_or_goes(side, hidden):
+    hand, layout = HAND.replace(side=side), preset_layout('kyutech23')
+    markers = markers_of(layout, motion(1, start=1., hand=hand), hand)[0]
+    slid = np.random.default_rng(3).normal(scale=.002, size=markers.shape)
+    on_palm = np.array([place in PALM_LANDMARKS for place in layout.places])
+    markers += np.where(on_palm[:, None], 0., slid)
+    row = layout.places.index(hidden)
+    without = markers.copy()
+    without[row] = np.nan
+    tracker = HandTracker(hand, layout)
+    before = tracked(tracker, 120 * [markers])[-1]
+    never = tracked(HandTracker(hand, layout), 120 * [without])[-1]
+
+    def turned(state, other):
+        return np.abs(state.angles - other.angles).max()
+
+    gone = [tracker.update(without, (120 + i) / RATE) for i in range(360)]
+    assert turned(gone[30], before) < .35 * turned(never, before)
+    assert np.linalg.norm(gone[30].markers[row] - markers[row]) < .5 * np.linalg.norm(
+        never.markers[row] - markers[row])
+    assert turned(gone[-1], never) < .1 * turned(never, before)
+
+
 def test_an_outlier_among_many_markers_moves_the_hand_little():
     layout, moved = preset_layout('kyutech23'), motion(30)
     frames = markers_of(layout, moved)

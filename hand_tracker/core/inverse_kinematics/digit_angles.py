@@ -32,7 +32,7 @@ from ..numerics.vectors import (
     vector,
 )
 from .digit import THUMB, Chains
-from .palm_arch import flexed
+from .palm_arch import fade_shifts, flexed, learn_angle, learn_shift
 
 CHAIN_JOINTS = 5
 MOST_STEPS = 12
@@ -64,6 +64,8 @@ class DigitWorkspace(NamedTuple):
         Their right side, and their solution [1/rad, rad].
     angles, tried, last : ndarray, shape (5,)
         Of the digit's joints [rad].
+    off_shift : ndarray, shape (5,)
+        Angles less the shares of those with the markers' shifts [rad].
     jacobian : ndarray, shape (3, 5)
         Derivatives of a marker's position by the joints [m/rad].
     """
@@ -78,6 +80,7 @@ class DigitWorkspace(NamedTuple):
     angles: np.ndarray
     tried: np.ndarray
     last: np.ndarray
+    off_shift: np.ndarray
     jacobian: np.ndarray
 
 
@@ -87,7 +90,7 @@ def local_digit_workspace() -> DigitWorkspace:
     return DigitWorkspace(
         local_floats((5, 3, 3)), local_floats((5, 3)), local_floats((5, 3)), local_floats((5, 5)),
         local_floats((5, 5)), local_floats(5), local_floats(5), local_floats(5), local_floats(5),
-        local_floats(5), local_floats((3, 5)))
+        local_floats(5), local_floats(5), local_floats((3, 5)))
 
 
 @jit
@@ -164,17 +167,24 @@ def _write_link(workspace: DigitWorkspace, j: int, axes: Frame, origin: Vector,
 
 
 @jit
-def _marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
+def _marker_on_digit(rows: MarkerRows, state: RowState, row: int, angles: np.ndarray,
                      workspace: DigitWorkspace) -> tuple[Vector, Vector]:
-    """Return a marker's place on a placed digit, and the landmark that it is at [m]."""
+    """Return where a marker is expected on a placed digit, and the landmark that it is at [m]."""
     link = rows.link[row]
-    axes = (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),
-            vector(workspace.frames[link, 2]))
+    axes = _axes_of_link(workspace, link)
     end = add(vector(workspace.origins[link]), rotate(axes, vector(rows.end[row])))
     offset, share = vector(rows.offset[row]), rows.share[row]
     if share != 0. and link < CHAIN_JOINTS - 1:
         offset = rotate_about_y(offset, share * angles[link + 1])
-    return add(end, rotate(axes, offset)), end
+    shift = scale(vector(state.shift[row]), state.shift_share[rows.digit[row]])
+    return add(end, rotate(axes, add(offset, shift))), end
+
+
+@jit
+def _axes_of_link(workspace: DigitWorkspace, link: int) -> Frame:
+    """Return the axes of a placed link."""
+    return (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),
+            vector(workspace.frames[link, 2]))
 
 
 @jit
@@ -285,7 +295,7 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
     for row in range(rows.used[0]):
         if rows.digit[row] != digit or not state.is_measured[row]:
             continue
-        place, end = _marker_on_digit(rows, row, angles, workspace)
+        place, end = _marker_on_digit(rows, state, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
         loss = 1. + square / (OUTLIER * OUTLIER)
@@ -306,21 +316,30 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
             for j in range(i + 1):
                 matrix[i, j] += weight * (
                     by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
-    return cost + _priors(chains, digit, angles, walk, workspace)
+    return cost + _priors(chains, state, digit, angles, walk, workspace)
 
 
 @jit
-def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
+def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, walk: float,
             workspace: DigitWorkspace) -> float:
-    """Add the usual angles, the natural flexion, the coupling and the last frame; return costs."""
+    """Add the usual angles, the natural flexion, the coupling and the last frame; return costs.
+
+    Natural flexion, coupling and the thumb's usual angles are taken about what they were off at the
+    angles with the markers' shifts, by the share of these.
+    """
     matrix, gradient = workspace.matrix, workspace.gradient
+    share, off_shift = state.shift_share[digit], workspace.off_shift
+    for j in range(CHAIN_JOINTS):
+        off_shift[j] = angles[j] - share * state.shift_angles[5 * digit + j]
     spreads = THUMB_SPREADS if digit == THUMB else FINGER_SPREADS
     cost = 0.
     for j in range(CHAIN_JOINTS):
         weight = spreads[j] ** -2
-        cost += weight * angles[j] * angles[j]
+        # Fingers bend and stretch far within a second, the thumb's joints turn less.
+        off = off_shift[j] if digit == THUMB else angles[j]
+        cost += weight * off * off
         matrix[j, j] += weight
-        gradient[j] -= weight * angles[j]
+        gradient[j] -= weight * off
         if walk > 0.:
             off = angles[j] - workspace.last[j]
             weight = walk ** -2
@@ -331,11 +350,11 @@ def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
     second = 3
     natural = chains.natural[digit]
     cost += _add_coupling_prior(
-        matrix, gradient, angles, second, first, natural[0], natural[1],
+        matrix, gradient, off_shift, second, first, natural[0], (1. - share) * natural[1],
         natural[2] / math.sqrt(NATURAL_WEIGHT))
     cost += _add_coupling_prior(
-        matrix, gradient, angles, 4, 3, chains.coupling[digit, 0], chains.coupling[digit, 1],
-        chains.coupling_spread[digit])
+        matrix, gradient, off_shift, 4, 3, chains.coupling[digit, 0],
+        (1. - share) * chains.coupling[digit, 1], chains.coupling_spread[digit])
     return cost
 
 
@@ -360,7 +379,7 @@ def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: i
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
     place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
-    return _marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]
+    return _marker_on_digit(rows, state, 3 + digit, workspace.angles, workspace)[0]
 
 
 @jit
@@ -408,6 +427,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     for digit in range(5):
+        fade_shifts(rows, state, digit, step)
         if seen[3 + digit] or not rows.has_several[digit]:
             continue
         workspace = local_digit_workspace()
@@ -479,11 +499,27 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)
+            if state.shift_share[digit] == 0.:
+                _learn_shifts(rows, state, digit, step, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
                 angles[joint] = state.angles[joint]
             else:
                 state.angles[joint] = angles[joint]
+
+
+@jit
+def _learn_shifts(rows: MarkerRows, state: RowState, digit: int, step: float,
+                  workspace: DigitWorkspace) -> None:
+    """Average the shifts of a digit's measured markers, as placed by `_write_deviation`."""
+    for row in range(rows.used[0]):
+        if rows.digit[row] == digit and state.is_measured[row]:
+            place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
+            learn_shift(state, row, components(
+                _axes_of_link(workspace, rows.link[row]),
+                subtract(vector(state.local[row]), place)), step)
+    for j in range(0 if digit == THUMB else 1, CHAIN_JOINTS):
+        learn_angle(state, 5 * digit + j, workspace.angles[j], step)
 
 
 @jit

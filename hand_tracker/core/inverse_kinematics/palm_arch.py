@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..model.hand import FLEXION_JOINTS
-from ..model.marker_rows import MarkerRows, RowState
+from ..model.marker_rows import ON_WRIST, MarkerRows, RowState
 from ..model.palm_triangle import Wrist, rigid_palm
 from ..numerics.cholesky import fix_unknown, solve_damped
 from ..numerics.jit import jit
@@ -49,8 +49,9 @@ LOST_PALM = .03                       # [m] of the markers from the last pose: b
 CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
+PALM = ON_WRIST                       # as a digit
 LEAST_FREE = 4                        # markers of the palm that determine an arch
-PALM_SHIFT_TIME = .1                  # [s] that the markers' shifts are averaged over
+SHIFT_TIME = .1                       # [s] that the markers' shifts are averaged over
 SHIFT_FADE_TIME = 2.                  # [s] in which they fade once a marker has come or gone
 
 
@@ -145,12 +146,17 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         synergy(rows.synergy, angles, lower, upper, state.arch)
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
-    _fade_shifts(rows, state, step)
+    fade_shifts(rows, state, PALM, step)
     count = _solve_palm(
         rows, state, lower, upper, several and rows.is_cupping[0] > 0, fitted)
     if count == 0:
         return
-    _learn_shifts(rows, state, fitted, step)
+    if state.shift_share[PALM] == 0.:
+        for row in range(rows.used[0]):
+            if _is_shown(rows, state, row):
+                learn_shift(state, row, _miss(rows, state, row, fitted), step)
+        for finger in range(4):
+            learn_angle(state, 5 * finger, state.arch[finger], step)
     shown = 0
     for i in range(3):
         shown += seen[i]
@@ -164,34 +170,40 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
 
 
 @jit
-def _fade_shifts(rows: MarkerRows, state: RowState, step: float) -> None:
-    """Take the shifts wholly into account once a marker of the palm has come or gone, then less."""
-    share = max(state.shift_share[0] - step / SHIFT_FADE_TIME, 0.)
+def fade_shifts(rows: MarkerRows, state: RowState, digit: int, step: float) -> None:
+    """Take shifts wholly into account once a marker of a digit, or the palm, has come or gone.
+
+    Then less and less, over `SHIFT_FADE_TIME`.
+    """
+    was_seen, has_changed = False, False
     for row in range(rows.used[0]):
-        if rows.digit[row] < 0 and state.is_known[row] and (
-                state.is_measured[row] != state.was_measured[row]):
-            share = 1.
-    state.shift_share[0] = share
+        if rows.digit[row] == digit:
+            was_seen = was_seen or state.was_measured[row]
+            has_changed = has_changed or state.is_measured[row] != state.was_measured[row]
+    state.shift_share[digit] = 1. if was_seen and has_changed else max(
+        state.shift_share[digit] - step / SHIFT_FADE_TIME, 0.)
 
 
 @jit
-def _learn_shifts(rows: MarkerRows, state: RowState, wrist: Wrist, step: float) -> None:
-    """Average the shifts of the measured markers, unless the fit has taken any into account."""
-    if state.shift_share[0] > 0.:
-        return
-    gain = min(step / PALM_SHIFT_TIME, 1.)
-    for row in range(rows.used[0]):
-        if _is_shown(rows, state, row):
-            miss = _miss(rows, state, row, wrist)
-            for k in range(3):
-                state.shift[row, k] += gain * (miss[k] - state.shift[row, k])
+def learn_shift(state: RowState, row: int, miss: Vector, step: float) -> None:
+    """Average the shift of a marker that is off its place by `miss`, in its link's frame [m]."""
+    gain = min(step / SHIFT_TIME, 1.)
+    for k in range(3):
+        state.shift[row, k] += gain * (miss[k] - state.shift[row, k])
+
+
+@jit
+def learn_angle(state: RowState, joint: int, angle: float, step: float) -> None:
+    """Average the angle [rad] of a joint with the shifts."""
+    state.shift_angles[joint] += min(step / SHIFT_TIME, 1.) * (angle - state.shift_angles[joint])
 
 
 @jit
 def _expected_place(rows: MarkerRows, state: RowState, row: int) -> Vector:
     """Return where a palm marker is expected, in the wrist's frame [m]."""
     flexion = state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
-    return add(on_palm(rows, row, flexion), scale(vector(state.shift[row]), state.shift_share[0]))
+    shift = scale(vector(state.shift[row]), state.shift_share[PALM])
+    return add(on_palm(rows, row, flexion), shift)
 
 
 @jit
@@ -243,7 +255,7 @@ def _solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.
                    else PALM_OUTLIER)
         _palm_equations(rows, state, wrist, outlier, matrix, gradient)
         if is_free:
-            _arch_prior(state.arch, lower, upper, matrix, gradient)
+            _arch_prior(state, lower, upper, matrix, gradient)
         if not solve_damped(matrix, gradient, count, PALM_DAMPING, factor, step):
             break
         _move(wrist, step)
@@ -340,16 +352,22 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
 
 
 @jit
-def _arch_prior(arch: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray,
+def _arch_prior(state: RowState, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray,
                 gradient: np.ndarray) -> None:
-    """Add the prior of the CMC flexions to the normal equations; fix those at an active limit."""
+    """Add the prior of the CMC flexions to the normal equations; fix those at an active limit.
+
+    What the markers' shifts take away from its pull is that at the angles with them.
+    """
     first, ring, little = POSE_UNKNOWNS, POSE_UNKNOWNS + 2, POSE_UNKNOWNS + 3
+    arch, share = state.arch, state.shift_share[PALM]
     for finger in (0, 1, 3):
         weight = CMC_SPREADS[finger] ** -2
         matrix[first + finger, first + finger] += weight
-        gradient[first + finger] -= weight * arch[finger]
+        gradient[first + finger] -= weight * (
+            arch[finger] - share * state.shift_angles[5 * finger])
     weight = CMC_SPREADS[2] ** -2
-    off = arch[2] - RING_SHARE * arch[3]
+    off = (arch[2] - share * state.shift_angles[10]
+           - RING_SHARE * (arch[3] - share * state.shift_angles[15]))
     matrix[ring, ring] += weight
     matrix[little, ring] -= weight * RING_SHARE
     matrix[little, little] += weight * RING_SHARE * RING_SHARE

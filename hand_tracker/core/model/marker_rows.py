@@ -177,10 +177,12 @@ class RowState(NamedTuple):
     is_followed : ndarray of bool, shape (5,)
         The others whose principal marker is seen.
     shift : ndarray, shape (65, 3)
-        How far each palm marker is off its place on the palm, in the wrist's frame, as last seen
-        together with the others [m].
-    shift_share : ndarray, shape (1,)
-        Share of these that the fit of the palm takes into account [1].
+        How far each marker is off its place on its link, of the palm's on the wrist, in the link's
+        frame, as last seen together with the others of its digit or of the palm [m].
+    shift_angles : ndarray, shape (25,)
+        Angles with these shifts [rad].
+    shift_share : ndarray, shape (6,)
+        Share of these that the fit of each digit takes into account, the last of the palm [1].
     """
 
     points: np.ndarray
@@ -196,6 +198,7 @@ class RowState(NamedTuple):
     is_solved: np.ndarray
     is_followed: np.ndarray
     shift: np.ndarray
+    shift_angles: np.ndarray
     shift_share: np.ndarray
 
 
@@ -208,4 +211,4 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
-                    np.zeros((ROW_CAPACITY, 3)), np.zeros(1))
+                    np.zeros((ROW_CAPACITY, 3)), relaxed.copy(), np.zeros(len(DIGITS) + 1))

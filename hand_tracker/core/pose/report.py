@@ -278,8 +278,11 @@ def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.nda
         Changed; its pose and principal markers are written already.
     """
     for row in range(rows.used[0]):
-        place = _place_of_row(rows, row, mirror, report)
         measured = state.is_measured[row] > 0
+        # A hidden marker is as far off its place on the hand as it was last.
+        shift = scale(vector(state.shift[row]),
+                      0. if measured else state.shift_share[rows.digit[row]])
+        place = _place_of_row(rows, row, shift, mirror, report)
         x, y, z = state.points[row]
         if measured:
             place, miss = (mirror[0] * x, mirror[1] * y, mirror[2] * z), distance(
@@ -300,8 +303,7 @@ def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.nda
             if kind != SEEN and kind != SWAPPED:
                 miss = math.nan
             elif not measured:
-                miss = distance(vector(report.markers[row]), _place_of_row(
-                    rows, row, mirror, report))
+                miss = distance(vector(report.markers[row]), place)
             report.hidden_for[row] = state.hidden_for[row]
             report.residuals[row] = miss
             place = vector(report.markers[row])
@@ -314,8 +316,12 @@ def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.nda
 
 
 @jit
-def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report) -> Vector:
-    """Return a marker's place on the reported pose, its offset turned with the skin [m]."""
+def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
+                  report: Report) -> Vector:
+    """Return a marker's place on the reported pose, its offset turned with the skin [m].
+
+    It is shifted from there, in the frame of its link on a right hand [m].
+    """
     digit, link = rows.digit[row], rows.link[row]
     end, offset = vector(rows.end[row]), vector(rows.offset[row])
     at = 5 * digit + link if digit >= 0 else 5 * link
@@ -323,7 +329,7 @@ def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report
         end = subtract(end, vector(rows.cmc[link]))
     if digit >= 0 and link < len(FINGERS) and rows.share[row] != 0.:
         offset = rotate_about_y(offset, rows.share[row] * report.angles[at + 1])
-    local = add(end, offset)
+    local = add(add(end, offset), shift)
     local = (mirror[0] * local[0], mirror[1] * local[1], mirror[2] * local[2])
     if digit < 0 and link < 0:
         axes, origin = frame(report.wrist_rotation), vector(report.wrist_position)
