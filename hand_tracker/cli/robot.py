@@ -1,5 +1,6 @@
 """`hand_tracker robot`: find palm, digits, side and axes of a robot, write its file, show it."""
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -75,11 +76,14 @@ def main(args: list[str] | None = None) -> int:
         draw_robot(options.picture, loaded, options.hand)
         print(f'{options.picture}: the robot beside a human hand, in five poses')
     if options.output:
-        side = '' if loaded.hand.side == SIDES[0] else f' --side {loaded.hand.side}'
-        launched = '' if loaded.hand.side == SIDES[0] else f' side:={loaded.hand.side}'
-        print(f'next: hand_tracker robot view {options.output}{side}, in the browser; or ros2 '
-              'launch hand_tracker track.launch.py source:=markers '
-              f'robot:={options.output.absolute()}{launched}')
+        side = loaded.hand.side
+        is_usual = side == SIDES[0]
+        shown = shlex.join(['hand_tracker', 'robot', 'view', str(options.output),
+                            *([] if is_usual else ['--side', side])])
+        launched = shlex.join(['ros2', 'launch', 'hand_tracker', 'track.launch.py',
+                               'source:=markers', f'robot:={options.output.absolute()}',
+                               *([] if is_usual else [f'side:={side}'])])
+        print(f'next: {shown}, in the browser; or {launched}')
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,7 +119,8 @@ def main(arguments: list[str] | None = None) -> int:
         if own.side == hand.side and np.array_equal(worn.offsets, layout.offsets):
             worn_by = chosen.hand
     print('Its markers are on the skin: track it with --hand '
-          f'{worn_by or "HAND.yaml, which --calibration HAND.yaml writes"}')
+          + (shlex.quote(str(worn_by)) if worn_by
+             else 'HAND.yaml, which --calibration HAND.yaml writes'))
     return 0
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 
 from ..core.model.hand import JOINTS, SIDES
+from ..files.hand_file import HAND_FILE_KEYS
 from ..files.plain_yaml import parse_plain_yaml, read_yaml_text, yaml_fault
 from ..package_data import share_directory
 from .dexretargeting_file import DEX_SECTION, find_urdf, translated
@@ -97,6 +98,9 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
             raise InvalidRobot(f"robot: '{robot}' is no file and no preset; presets are "
                                f'{", ".join(preset_names())}')
     settings = _read_settings(path)
+    if not set(settings) <= set(ROBOT_FILE_KEYS) and set(settings) <= set(HAND_FILE_KEYS):
+        raise InvalidRobot(f"{path}: this is a person's hand file (--hand); expected a robot's "
+                           f'URDF, or a robot file with keys as {", ".join(ROBOT_FILE_KEYS)}')
     notes: tuple[str, ...] = ()
     if DEX_SECTION in settings:
         settings, notes = translated(settings, str(path))

@@ -10,6 +10,8 @@ from hand_tracker.cli import robot
 from hand_tracker.cli.robot_poses import robot_pose
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_file import load_robot
@@ -33,6 +35,22 @@ def test_inspecting_prints_writes_and_draws(tmp_path, capsys):
     for colour in ((86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167), (230, 159, 0)):
         found = (np.abs(picture.astype(int) - colour).max(axis=2) < 8).any(axis=1)
         assert [part.any() for part in np.array_split(found, 4)] == [True] * 4
+
+
+def test_the_commands_that_are_proposed_quote_paths_with_spaces(tmp_path, capsys):
+    written = tmp_path / 'my robots' / 'hand.yaml'
+    written.parent.mkdir()
+    assert robot.main(['inspect', 'plain', '-o', str(written)]) == 0
+    printed = capsys.readouterr().out
+    assert f"robot view '{written}', in the browser" in printed
+    assert printed.endswith(f"source:=markers 'robot:={written}'\n")
+
+
+def test_a_hand_file_is_no_robot(tmp_path, capsys):
+    save_hand(tmp_path / 'hand.yaml', Hand.scaled(), MarkerLayout())
+    assert robot.main(['inspect', str(tmp_path / 'hand.yaml')]) == 1
+    said = capsys.readouterr().err
+    assert "hand.yaml: this is a person's hand file (--hand); expected a robot's URDF" in said
 
 
 def test_the_spheres_that_are_drawn_touch_where_the_robot_pinches():
