@@ -17,12 +17,12 @@ from ..core.model.marker_layout import (
     MarkerLayout,
 )
 from ..files.point_recording import PointRecording
+from ..messages.labels import shown_labels
 from .hand_axes import HandPoints, hands_of
 from .known_layouts import complete_layout
 from .layout_labels import labelled_layout, point_names
 from .worn_markers import WORN_LANDMARKS
 
-SHOWN_LABELS = 30
 LEAST_PALM = 3  # markers, without which no wrist is placed
 
 
@@ -111,8 +111,6 @@ def choose_markers(recording: PointRecording, side: str | None = None,
     has_digit = any(one and place not in PALM_LANDMARKS
                     for place, one in zip(chosen.layout.places, chosen.columns))
     if chosen.missing and (lacks_palm or not has_digit):
-        some = [label for label in recording.labels if label]
-        shown = ', '.join(some[:SHOWN_LABELS]) + (', ...' if len(some) > SHOWN_LABELS else '')
         other = (complete_layout(recording) if layout is None or layout.names == MARKERS
                  else None)
         instead = '' if other is None else (
@@ -123,8 +121,8 @@ def choose_markers(recording: PointRecording, side: str | None = None,
             f'{recording.name}: no label for {", ".join(chosen.missing)}'
             + (f' of a {side} hand' if side else '') + f'; expected {instead}'
             f'--markers {chosen.missing[0]}=LABEL,... with labels of the file: '
-            + (shown or 'it has none') + ' (hand_tracker track, view or demo --labels none finds a '
-            'hand among points by its shape)',
+            + shown_labels(recording.labels) + ' (hand_tracker track, view or demo --labels none '
+            'finds a hand among points by its shape)',
             chosen.missing)
     return chosen
 
@@ -177,9 +175,9 @@ def labelled_column(recording: PointRecording, marker: str, label: str) -> int:
     short = [i for i, one in enumerate(recording.labels) if one.rpartition(':')[2] == label]
     found = exact or short
     if len(found) != 1:
-        some = ', '.join([one for one in recording.labels if one][:SHOWN_LABELS])
         raise UnknownMarkers(f"{recording.name}: {len(found) or 'no'} points with the label "
-                             f"'{label}' for {marker}; expected one of {some or 'it has none'}")
+                             f"'{label}' for {marker}; expected one of "
+                             f'{shown_labels(recording.labels, label)}')
     return found[0]
 
 

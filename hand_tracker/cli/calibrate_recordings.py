@@ -15,12 +15,14 @@ from ..calibration.ruler import USUAL_MARKER_HEIGHT, Ruler
 from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
+from ..files.bag_points import sampled_labels
 from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
 from ..messages.cdr import MarkerReader
+from ..messages.labels import shown_labels
 from ..parallel import Interruptions
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.opened_recording import is_marker_bag
+from ..tracking.opened_recording import SAMPLED_MESSAGES, is_marker_bag
 from ..tracking.point_bag import MarkerChoice
 from ..tracking.recording import marker_topic
 from ..tracking.stream import FrameTime
@@ -31,6 +33,7 @@ from .recording_options import (
     metres_per_unit,
     reading_options,
     refuse_file_options,
+    refuse_labels_of_points,
 )
 
 TAKE_SUFFIX = '.npz'
@@ -72,7 +75,8 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     with open_bag(path, options.partial) as bag:
         for note in bag.notes:
             print(f'{path}: {note}', file=sys.stderr)
-        for message in bag.messages([marker_topic(bag, options.topic)]):
+        topic = marker_topic(bag, options.topic)
+        for message in bag.messages([topic]):
             frame = reader.read(message.data)
             doubled += frame.doubled[:1]
             has_other_hand |= labels.not_of in {space for space, _ in frame.unknown}
@@ -80,6 +84,7 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
             if time is not None:
                 frames.append(frame.positions.copy())
                 times.append(time)
+        there = sampled_labels(bag, topic, SAMPLED_MESSAGES)
     if doubled:
         fault = (f'{path}: in {len(doubled)} of {len(frames)} frames '
                  f'{labels.doubled(doubled[0])}')
@@ -100,6 +105,11 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     names, usual = names_in_layout(layout or MarkerLayout([
         place.replace('dip', options.fingers) for place in PAPER_PLACES]))
     seen = np.isfinite(points).all(axis=2).any(axis=0)
+    for text in options.label:
+        slot = worn.index(text.partition('=')[0])
+        if (label := labels.labels[slot]) and seen.any() and not seen[slot]:
+            raise InvalidTake(f"{path}: {worn[slot]} is never seen, with the label '{label}'; "
+                              f'expected one of {shown_labels(there, label)}')
     if not seen.any():
         raise InvalidTake(f'{path}: none of the markers is ever seen in {len(points)} messages: '
                           'all are absent, NaN or at zero; expected its markers (--label, '
@@ -123,6 +133,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
             refuse_file_options(options, path)
             takes.append(_take_of_bag(path, options, layout))
             continue
+        refuse_labels_of_points(options, path)
         scale = options.unit_scale
         if path.suffix.lower() == TAKE_SUFFIX and layout is None and not options.markers:
             take = load_take(path, options.side, frame_rate=options.frame_rate)

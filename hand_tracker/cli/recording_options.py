@@ -221,6 +221,20 @@ def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
                 'only: MarkerArrays are taken as they are, z up, right-handed, by their stamps')
 
 
+def refuse_labels_of_points(options: argparse.Namespace, path: Path) -> None:
+    """Refuse labels of markers in MarkerArrays, which points of a file have not.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the option and the recording.
+    """
+    given = vars(options)    # not every command has all
+    if given.get('label'):
+        raise HandTrackerError(f'{path}: --label: {given["label"][0]}; expected for MarkerArrays '
+                               'only: points of a file are named by --markers MARKER=LABEL,...')
+
+
 def metres_per_unit(options: argparse.Namespace) -> float:
     """Return the metres of a unit of the markers in MarkerArrays, which name none."""
     given = vars(options)    # not every command has all
@@ -301,6 +315,7 @@ def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | 
             {side: given.get(f'{side}_markers', f'{side}/0') for side in SIDES},
             layout.names).values()
         return [WornHand(*one, own) for one, own in zip(chosen, labels)], options.recording
+    refuse_labels_of_points(options, options.recording)
     points = PointBag(options.recording, choice)
     hands = []
     for (hand, own), worn in zip(chosen, points.hands):

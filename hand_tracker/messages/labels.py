@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import SequenceMatcher
 from typing import Any
 
 from ..core.errors import HandTrackerError
@@ -19,10 +20,20 @@ WITHOUT_LABELS = 'none'
 LABEL_SOURCES = ('source', WITHOUT_LABELS)   # whether they have labels
 DEFAULT_LABELS = default_labels(MARKERS)
 ID_RANGE = (-2**31, 2**31 - 1)
+SHOWN_LABELS = 30       # in a message
 
 
 class InvalidLabel(HandTrackerError, ValueError):
     """A label has a form that no marker can answer to, or stands for two markers."""
+
+
+def shown_labels(labels: Iterable[str], wanted: str = '') -> str:
+    """Return the labels that there are, those nearest to a wanted one first, for a message."""
+    some = [label for label in labels if label]
+    if wanted:
+        some.sort(key=lambda label: -SequenceMatcher(None, wanted, label).ratio())
+    return (', '.join(some[:SHOWN_LABELS]) or 'it has none') + (
+        ', ...' if len(some) > SHOWN_LABELS else '')
 
 
 class LabelMap:

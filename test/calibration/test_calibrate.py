@@ -74,6 +74,13 @@ def test_a_recording_in_which_no_marker_is_seen(tmp_path, capsys):
     assert 'none of the markers is ever seen in 100 messages' in capsys.readouterr().err
 
 
+def test_a_label_that_the_recording_has_not_is_told_with_the_nearest(tmp_path, capsys):
+    path = str(packaged_recording('right'))
+    assert main([path, '--label', 'index=hand/33', '-o', str(tmp_path / 'hand.yaml')]) == 1
+    assert "index is never seen, with the label 'hand/33'; expected one of hand/3, hand/" in (
+        capsys.readouterr().err)
+
+
 def test_a_recording_of_two_hands_is_refused_unless_labels_tell_them_apart(tmp_path, capsys):
     path = str(packaged_recording('both'))
     assert main([path, '-o', str(tmp_path / 'hand.yaml')]) == 1

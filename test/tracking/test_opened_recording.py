@@ -133,6 +133,16 @@ def test_markers_are_chosen_by_name_and_at_the_tips():
     assert chosen.columns[0] == (0,) and chosen.columns[7] == (7,)
     with pytest.raises(UnknownMarkers, match="no points with the label 'X' for wrist"):
         choose_markers(recording, names={'wrist': 'X'})
+    with pytest.raises(UnknownMarkers, match='for ring; expected one of RingTip, '):
+        choose_markers(recording, names={'ring': 'ringtip'})
+
+
+def test_labels_of_marker_arrays_are_refused_for_a_file_of_points(tmp_path, capsys):
+    write_recording(tmp_path / 'take.npz', hand_recording(5))
+    assert main(['track', str(tmp_path / 'take.npz'), '--label', 'index=0/4',
+                 '-o', str(tmp_path / 'angles.csv')]) == 1
+    assert 'take.npz: --label: index=0/4; expected for MarkerArrays only' in (
+        capsys.readouterr().err)
 
 
 def test_two_markers_of_a_wrist_are_one():
