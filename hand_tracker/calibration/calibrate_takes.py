@@ -15,7 +15,7 @@ from ..files.hand_file import save_hand
 from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..progress import Progress, bar
 from .angle_uncertainty import angle_uncertainty, uncertainty_lines, uncertainty_range
-from .coverage import Covered, coverage
+from .coverage import Covered, coverage, missing_movements
 from .fit import fit_hand
 from .fit_report import FitReport, average_rate, report_fit
 from .fitted_hand import place_mounted
@@ -96,7 +96,10 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         worn, (names, _) = fitted_layout(fit, layout), names_in_layout(layout)
     prepare()
     deviations = angle_uncertainty(fit.hand.as_right(), worn, gathered.columns(names), rate)
-    lines = [f'{report.verdict()}; {uncertainty_range(deviations)}', '', *report.lines(), '',
+    missing = missing_movements(covered)
+    verdict = f'{report.verdict()}; {uncertainty_range(deviations)}' + (
+        f'; movements to add: {"; ".join(missing)}' if missing else '')
+    lines = [verdict, '', *report.lines(), '',
              *_unusual_bends(fit.hand), *uncertainty_lines(deviations), '',
              *_coverage_lines(covered)]
     save_hand(output, fit.hand, worn)

@@ -1,5 +1,6 @@
 """Coverage: range of motion of each joint in a take, and the movements still needed."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,19 @@ def coverage(angles: np.ndarray) -> list[Covered]:
         for joint, kind, wanted in zip(rows, ('turn', 'first', 'second'), (
                 WANTED_ABDUCTION[row], *WANTED_FLEXION[row])):
             seen = float(high[joint] - low[joint])
-            task = TASKS['thumb' if digit == 'thumb' else 'finger', kind].format(digit=digit)
+            task = TASKS[_of_kind(digit), kind].format(digit=digit)
             found.append(Covered(digit, kind, seen, wanted, task))
     return found
+
+
+def missing_movements(covered: Iterable[Covered]) -> list[str]:
+    """Return the movements that would show what is not covered, each for all its digits."""
+    digits: dict[tuple[str, str], list[str]] = {}
+    for one in covered:
+        if one.share < 1.:
+            digits.setdefault((_of_kind(one.digit), one.joint), []).append(one.digit)
+    return [TASKS[task].format(digit=', '.join(of_task)) for task, of_task in digits.items()]
+
+
+def _of_kind(digit: str) -> str:
+    return 'thumb' if digit == 'thumb' else 'finger'

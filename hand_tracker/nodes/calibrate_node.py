@@ -12,6 +12,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -27,6 +28,7 @@ from ..output_files import OutputError, require_writable
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
 from ..tracking.input_monitor import InputMonitor
+from ..tracking.side_check import SideCheck
 from ..tracking.stream import FrameTime, read_or_warn
 from .executors import steady_clock
 from .parameters import Parameter
@@ -70,6 +72,7 @@ class CalibrateNode(Node):
         serialization = Serialization()
         self._reader = serialization.markers(settings, values['mocap_frame'])
         self._time = FrameTime()
+        self._side_check: SideCheck | None = SideCheck(hand.side, layout.principal)
         self._topic = self.resolve_topic_name('markers')
         self._reliability = values['qos.markers.reliability']
         self._monitor = InputMonitor(time.monotonic(), self._topic, settings.labels)
@@ -117,7 +120,19 @@ class CalibrateNode(Node):
             return
         self._monitor.received(received, frame)
         if frame.stamp is not None:
-            self._take.add(frame.positions, self._time.of(frame.stamp, seconds(self._now())))
+            at = self._time.of(frame.stamp, seconds(self._now()))
+            self._take.add(frame.positions, at)
+            self._check_side(frame.positions, at)
+
+    def _check_side(self, positions: np.ndarray, at: float | None) -> None:
+        """Tell of a hand of the other side, until it is seen to be of this one."""
+        if self._side_check is None:
+            return
+        is_other_side = self._side_check.add_markers(positions, at)
+        if is_other_side is not None:
+            self._monitor.bends_away_from = self._side if is_other_side else None
+        if is_other_side is False:
+            self._side_check = None
 
     def _now(self) -> Any:
         return self.get_clock().now().to_msg()
@@ -129,7 +144,7 @@ class CalibrateNode(Node):
         if self._has_ended.is_set():
             return
         self._coverage = coverage = self._take.coverage()
-        self._publish(coverage.text, coverage.values())
+        self._publish(self._monitor.side_fault() or coverage.text, coverage.values())
         if self._block is not None:
             self._block.draw(_coverage_block(coverage, self._take.seconds))
         elif coverage.text != self._said:

@@ -137,16 +137,17 @@ class Fit:
                  '--limits', limits], {'OPENBLAS_NUM_THREADS': '1'}, said, complained)
 
     def ended(self) -> tuple[bool, str] | None:
-        """Return whether it went well, and its last line; None while it works."""
+        """Return whether it went well, and its last line, with the verdict; None while it works."""
         code = self._child.poll()
         if code is None:
             return None
-        lines = (self._complained if code else self._said).read_text(
-            encoding='utf-8', errors='replace').split('\n')
-        last = next((line for line in reversed(lines) if line.strip()),
-                    f'the fit ended with {code}')
+        text = (self._complained if code else self._said).read_text(
+            encoding='utf-8', errors='replace')
+        lines = [line for line in text.split('\n') if line.strip()] or [
+            f'the fit ended with {code}']
         self._folder.cleanup()
-        return code == 0, last
+        # What it prints begins with the verdict, if there is one.
+        return code == 0, lines[-1] if code else '; '.join(dict.fromkeys((lines[-1], lines[0])))
 
     def stop(self) -> None:
         """End it."""

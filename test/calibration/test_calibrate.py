@@ -6,7 +6,7 @@ from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 from PIL import Image
 
 from hand_tracker.calibration import LANDMARKS, landmark_positions
-from hand_tracker.calibration.coverage import coverage
+from hand_tracker.calibration.coverage import coverage, missing_movements
 from hand_tracker.calibration.frame_choice import spread_frames
 from hand_tracker.cli import calibrate_recordings
 from hand_tracker.cli.calibrate import main
@@ -47,6 +47,13 @@ def test_hand_file_and_picture_are_written(tmp_path, capsys):
     assert '# Fitted to take:' in text and 'not observed' in text
     assert 'little_tip' in printed and 'motion in the take' in printed
     assert printed.startswith('the hand fits ') and 'not observed' not in printed
+
+
+def test_the_verdict_names_the_movements_that_the_take_lacks(tmp_path, capsys):
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=8., motions=('power_grasp',))
+    assert main([str(written(tmp_path / 'take.npz', take)), '-o', str(tmp_path / 'a.yaml')]) == 0
+    verdict = capsys.readouterr().out.splitlines()[0]
+    assert '; movements to add: bring the thumb to the tip of each finger in turn' in verdict
 
 
 def test_a_recording_of_the_worn_markers(tmp_path):
@@ -236,6 +243,10 @@ def test_coverage_says_what_to_do():
     assert {one.share for one in still} == {0.}
     assert 'bend the ring finger in its middle joint' in still[8].task
     assert coverage(np.zeros((0, 25))) == []
+    assert missing_movements(one for one in still if one.joint == 'first') == [
+        'bend the index, middle, ring, little finger in its knuckle and straighten it, '
+        'alone', 'bring the thumb to the tip of each finger in turn']
+    assert missing_movements(one._replace(degrees=90.) for one in still) == []
 
 
 def test_the_range_of_motion_covers_all_that_is_asked_for():

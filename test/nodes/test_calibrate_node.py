@@ -9,7 +9,7 @@ from helpers.skin_markers import worn_markers
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.calibration.live_take import CALIBRATION_KEY, progress_from_diagnostics
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.files.hand_file import load_hand
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.poses import pose_angles
@@ -62,6 +62,17 @@ def test_a_hand_that_shows_everything_is_fitted(tmp_path):
     assert any('fitting' in text for text in texts)
     last = {value.key: value.value for value in told[-1].status[0].values}
     assert progress_from_diagnostics(last)[1] == {}
+
+
+def test_the_other_side_is_told_while_the_take_is_collected(tmp_path):
+    fist = worn_markers(HAND, skin_layout(HAND), np.repeat(
+        pose_angles('fist', HAND)[None], 60, axis=0)) * LEFT_HAND_MIRROR
+    with NodeProcess(MODULE, {'output': str(tmp_path / 'hand.yaml'), **LOSSLESS}) as process, \
+            watching_node() as node:
+        sent = send(process, node, fist)
+        process.wait_for_line('bend away from the palm of a right hand')
+        node.destroy_publisher(sent)
+    assert 'side:=left' in process.output
 
 
 def test_a_still_hand_is_refused_when_the_time_is_over(tmp_path):
