@@ -24,6 +24,7 @@ from .joint_centres import are_joint_centres, landmark_frames
 from .layout_names import names_in_layout
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .ruler import UNMEASURED, Ruler
+from .ruler_check import ruler_doubts
 from .take_checks import check_takes
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 
@@ -82,6 +83,8 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         save_hand(output, fit_hand(joints, takes[0].side, limits), layout or MarkerLayout())
         return (f'{output}: a hand with markers at its joints, as these are no markers on '
                 'the skin: joints that keep their distances')
+    for doubt in ruler_doubts(gathered, takes[0].side):
+        print(f'note: {doubt}', file=sys.stderr)
     rate = average_rate([take.rate for take in takes])
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
     try:

@@ -8,6 +8,9 @@ from PIL import Image
 from hand_tracker.calibration import LANDMARKS, landmark_positions
 from hand_tracker.calibration.coverage import coverage, missing_movements
 from hand_tracker.calibration.frame_choice import spread_frames
+from hand_tracker.calibration.ruler import Ruler
+from hand_tracker.calibration.ruler_check import ruler_doubts
+from hand_tracker.calibration.takes import gather
 from hand_tracker.cli import calibrate_recordings
 from hand_tracker.cli.calibrate import main
 from hand_tracker.core.model.hand import Hand, preset_limits
@@ -111,7 +114,7 @@ def test_lengths_by_a_ruler_are_in_millimetres(tmp_path, capsys):
                  '100,110,105,85', '--marker-height', '5']) == 0
     bones = load_hand(tmp_path / 'hand.yaml')[0].finger_bones
     np.testing.assert_allclose(bones.sum(axis=1), (.1, .11, .105, .085), atol=.004)
-    capsys.readouterr()
+    assert 'by the ruler' not in capsys.readouterr().err
     for option, value, expected in (
             ('--hand-length', '.19', "'.19'; allowed is 100 to 260 mm"),
             ('--finger-lengths', '100,110', "'100,110'; expected four lengths, index, middle"),
@@ -119,6 +122,17 @@ def test_lengths_by_a_ruler_are_in_millimetres(tmp_path, capsys):
         with pytest.raises(SystemExit):
             main([*how, option, value])
         assert f'{option}: {expected}' in capsys.readouterr().err
+
+
+def test_lengths_by_a_ruler_that_markers_contradict_are_doubted():
+    take, _ = simulated_take(HAND, EVERY_JOINT, seconds=10.)
+    fingers = HAND.finger_bones.sum(axis=1)
+    right = Ruler(.19, .09, tuple(fingers))
+    assert ruler_doubts(gather([take], right), 'right') == []
+    long, broad, longer = ruler_doubts(gather([take], Ruler(
+        .21, .11, (fingers[0] + .02, *fingers[1:]))), 'right')
+    assert "the hand's length is 210 mm by the ruler, but 19" in long
+    assert "the hand's breadth is 110 mm" in broad and 'the index finger' in longer
 
 
 def test_what_is_no_take_is_told_what_would_be_one(tmp_path, capsys):
