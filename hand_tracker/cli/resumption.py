@@ -42,7 +42,8 @@ def note_options(folder: Path, options: argparse.Namespace) -> None:
               'left as they are', file=sys.stderr)
         return
     write_whole_text(path, json.dumps(chosen, indent=1) + '\n')
-    changes = [f'--{name.replace("_", "-")}: {before.get(name)}, now {chosen.get(name)}'
+    changes = [f'--{name.replace("_", "-")}: {_told(before.get(name))}, now '
+               f'{_told(chosen.get(name))}'
                for name in sorted({*before, *chosen}) if before.get(name) != chosen.get(name)]
     if options.resume and not is_new:
         print(f'{folder}: made with other options ({"; ".join(changes)}): tracked again',
@@ -67,6 +68,15 @@ def is_done(recording: Path | Url, output: Path | Url, options: argparse.Namespa
         Path(path) for path in (getattr(options, name) for name in FILE_OPTIONS) if path)]
     return all(output.stat().st_mtime >= path.stat().st_mtime for path in files
                if isinstance(path, Path) and path.exists())
+
+
+def _told(value: object) -> str:
+    """Return what was given for an option, in words."""
+    if value is True:
+        return 'given'
+    if isinstance(value, list):
+        value = ', '.join(map(str, value))
+    return str(value) if value else 'not given'
 
 
 def _read(path: Path) -> dict[str, object]:

@@ -62,7 +62,10 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
     parser.add_argument('--duration', type=float, default=MOTION_DURATION,
                         help='at least so long, to the end of a movement [s]; the demo has its '
                         'own')
-    parser.add_argument('--seed', type=int, default=1, help='of all that is drawn')
+    parser.add_argument('--seed', type=int, default=1,
+                        help='of what is drawn: noise, faults of labels, errors of --calibration, '
+                        'and the motion, but of demo and of the fingers in range_of_motion, which '
+                        'are always the same')
     parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')
     parser.add_argument('--side', choices=SIDES, help='of the hand')
     add_layout_option(parser)
@@ -74,7 +77,8 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
     parser.add_argument('--truth', type=Path, metavar='TABLE.csv',
                         help='also write the true angles, in the columns of hand_tracker track')
     parser.add_argument('--calibration', type=Path, metavar='HAND.yaml',
-                        help='also write the hand as a calibration would find it')
+                        help='also write the hand as a calibration would find it, '
+                        'with random errors, others for another --seed')
     chosen = parser.parse_args(arguments)
     if chosen.seed < 0:
         parser.error(f'--seed: {chosen.seed} is below 0')

@@ -84,6 +84,11 @@ class HandServices:
 
     def _load(self, path: str) -> str:
         """Switch the tracker to the hand of a file; return the message for user and log."""
+        if not path:
+            raise InvalidParameter(
+                f"{self._file_parameter}: ''; expected a hand file to load, as by ros2 param set "
+                f'{self._node.get_fully_qualified_name()} {self._file_parameter} '
+                '/path/my_hand.yaml')
         hand, layout = another_hand(self._start, path, self._side)
         if layout.names != self._layout.names:
             raise InvalidParameter(f'hand_file: {path}: {len(layout.names)} markers; expected the '

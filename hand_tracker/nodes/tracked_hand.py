@@ -407,7 +407,7 @@ class TrackedHand:
     def publish_status(self, now: float) -> None:
         """Publish the status on /diagnostics."""
         self._warn_of_other_clock()
-        self._monitor.set_size(self.stream.size)
+        self._monitor.set_size(self.stream.size, self.stream.learned_size)
         self._monitor.set_calibration(self.services.progress())
         status = self._monitor.status(now, self._who_publishes)
         self._node.diagnostics.publish(diagnostics(

@@ -297,8 +297,6 @@ def another_hand(values: Mapping[str, Any], path: str, side: str) -> tuple[Hand,
     HandTrackerError
         As `starting_hand`; or if the hand is of the other side, or cannot be tracked.
     """
-    if not path:
-        raise InvalidParameter("hand_file: ''; expected a hand file to load")
     hand, layout = starting_hand({**values, 'hand_file': path})
     if hand.side != side:
         raise InvalidParameter(f'hand_file: {path}: of a {hand.side} hand; expected a {side} one, '

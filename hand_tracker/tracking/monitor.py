@@ -269,9 +269,9 @@ class Monitor:
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path,
             frames.runs)
 
-    def set_size(self, size: str) -> None:
-        """Note how far the hand's size is learned, as of `Stream.size`."""
-        self._diagnostics.size = size
+    def set_size(self, size: str, learned: str = '') -> None:
+        """Note how far the hand's size is learned, as of `Stream.size` and `learned_size`."""
+        self._diagnostics.size, self._input.learned_size = size, learned
 
     def set_calibration(self, values: dict[str, str]) -> None:
         """Note how far a calibration is, as of `LiveCalibration.values`."""

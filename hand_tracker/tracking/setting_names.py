@@ -27,6 +27,8 @@ class SettingNames(NamedTuple):
         How a marker is told of, by its {label} in the messages and its {name}.
     messages : str
         What the markers come in, before the name of the topic or the file.
+    reset : str
+        What learns the size of another hand; empty where nothing does.
     """
 
     scale: str
@@ -37,11 +39,12 @@ class SettingNames(NamedTuple):
     frame: str
     marker: str = "'{label}' ({name})"
     messages: str = 'messages on'
+    reset: str = ''
 
 
 PARAMETER_NAMES = SettingNames(
     'unit_scale (1 for metres, 0.001 for millimetres)', 'labels.*', 'labels.{}', 'side:={}',
-    'hand_file, hand:=', 'mocap_frame')
+    'hand_file, hand:=', 'mocap_frame', reset='~/reset')
 # Of commands, for rosbag2 recordings, and for files of points.
 BAG_OPTION_NAMES = SettingNames(
     '--unit-scale (1 for metres, 0.001 for millimetres)', '--label', '--label {}=NAMESPACE/ID',

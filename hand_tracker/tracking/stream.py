@@ -284,6 +284,15 @@ class Stream:
             return 'learning'
         return 'learned' if self._is_sized else 'not learned'
 
+    @property
+    def learned_size(self) -> str:
+        """The size that was learned, in words; empty where none was."""
+        if self.size != 'learned':
+            return ''
+        mcp = self.tracker.hand.finger_mcp
+        return (f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the knuckles of index and '
+                'little finger')
+
     def learn_size_anew(self) -> None:
         """Learn the hand's size from the frames to come, where it is learned at all."""
         if self._auto_size is None:
@@ -347,10 +356,7 @@ class Stream:
             self._log_lines.append((False, "these markers do not tell the hand's size: it is that "
                                     'of the mean hand, unless a size or a hand file is given'))
         else:
-            mcp = self.tracker.hand.finger_mcp
-            self._log_lines.append((False, 'the size of the hand is learned: '
-                                    f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
-                                    'knuckles of index and little finger'))
+            self._log_lines.append((False, f'the size of the hand is learned: {self.learned_size}'))
 
     def _take_size(self, sized: Hand) -> Hand:
         """Track with the bones of another hand; return it with the present limits and coupling."""

@@ -132,7 +132,8 @@ def test_a_bad_hand_file_is_refused_with_the_reason(tmp_path):
     with tracking() as bench:
         bench.meet(frame)
         before = [bench.angles(frame) for _ in range(60)][-1]
-        for path, reason in (('', 'expected a hand file'), (tmp_path / 'none.yaml', 'No such file'),
+        for path, reason in (('', 'by ros2 param set /hand_tracker hand_file '),
+                             (tmp_path / 'none.yaml', 'No such file'),
                              (tmp_path / 'bad.yaml', 'finger_bones_mm.index[2]: 900'),
                              (tmp_path / 'left.yaml', 'of a left hand; expected a right one')):
             assert bench.set({'hand_file': str(path)}).successful

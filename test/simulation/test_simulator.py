@@ -152,6 +152,15 @@ def test_help_tells_the_defaults_that_there_are(capsys):
         main(['--help'])
     shown = capsys.readouterr().out
     assert '(default: 480.0)' in shown and 'None' not in shown
+    words = ' '.join(shown.split())
+    assert 'with random errors' in words and 'in range_of_motion, which are always' in words
+
+
+def test_a_seed_changes_the_noise_of_a_range_of_motion_but_not_its_fingers():
+    one, other = (next(Simulation('range_of_motion', HAND, LAYOUT, rate=30., seed=seed).blocks())
+                  for seed in (1, 2))
+    np.testing.assert_array_equal(one.angles, other.angles)
+    assert not np.array_equal(one.markers, other.markers, equal_nan=True)
 
 
 @pytest.mark.parametrize('name', ['mediapipe21', 'dfki13'])

@@ -211,6 +211,20 @@ def test_says_nothing_of_markers_that_are_off_for_a_moment_or_while_the_palm_is_
         assert not any('off the hand' in line for line in hand.said(i / 20.))
 
 
+def test_tells_of_another_person_where_the_size_was_learned():
+    off = RESTING.copy()
+    off[3:] *= 1.6
+    for learned, is_told in (('70 mm', True), ('', False)):
+        hand = Input()
+        hand.watch.learned_size = learned
+        lines = []
+        for i in range(100):
+            hand.feed(i / 20., off)
+            lines += hand.said(i / 20.)
+        line = next(line for line in lines if 'off the hand' in line)
+        assert ('learned at the start, 70 mm: of another person ~/reset' in line) is is_told
+
+
 def test_says_that_a_right_hand_is_no_left_one():
     hand = Input()
     hand.tracker = HandTracker(Hand.scaled(side='left'))

@@ -727,8 +727,13 @@ def test_resuming_with_other_options_tracks_again(bag, tmp_path, capsys):
     assert run() == (True, '', first)
     is_kept, said, second = run('--hand', str(hand))
     assert not is_kept and second != first
-    assert f'{folder}: made with other options (--hand: None, now {hand}): tracked again' in said
+    assert (f'{folder}: made with other options (--hand: not given, now {hand}): tracked again'
+            in said)
     assert run('--hand', str(hand)) == (True, '', second)
+    said = run('--hand', str(hand), '--quality', '--label', 'thumb=7')[1]
+    assert '(--label: not given, now thumb=7; --quality: not given, now given)' in said
+    assert run('--hand', str(hand))[1].count('now not given') == 2
+    second = (folder / 'in.csv').read_bytes()
     later = (folder / 'in.csv').stat().st_mtime + 1.
     os.utime(hand, (later, later))
     assert not run('--hand', str(hand))[0]
