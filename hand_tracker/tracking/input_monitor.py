@@ -210,7 +210,7 @@ class InputMonitor:
         self._warn_of_bad_fit(miss)
         if miss > OFF_HAND_DISTANCE and not self.is_wrong:
             self.warn_once('fit', f'the markers are on average {1e3 * miss:.0f} mm off the hand: '
-                           f'{self._why_off}')
+                           f'{self._why_off}?')
 
     def restarted(self) -> None:
         """Note that time jumped back."""
@@ -344,7 +344,7 @@ class InputMonitor:
         if situation == 'off':
             miss = self.fit.residual if self.fit.is_off else self.fit.misfit
             return (f'the markers are on average {1e3 * miss:.0f} mm off the hand, which '
-                    f'is left out: {self._why_off}')
+                    f'is left out: {self._why_off}?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
@@ -372,15 +372,15 @@ class InputMonitor:
     @property
     def _why_off(self) -> str:
         return ('wrong side, labels, layout or hand size (a hand file says it: '
-                f'{self.names.hand})?{self._other_person}')
+                f'{self.names.hand})' + (f', or {other}' if (other := self._other_person) else ''))
 
     @property
     def _other_person(self) -> str:
-        """What else to do where the size was learned, perhaps of another hand."""
+        """What else may be wrong where the size was learned, and its cure."""
         if not (self.learned_size and self.names.reset):
             return ''
-        return (f' The size was learned at the start, {self.learned_size}: of another person '
-                f'{self.names.reset} learns it anew')
+        return (f'another person than the one whose size was learned ({self.learned_size}; '
+                f'{self.names.reset} learns it anew)')
 
     def side_fault(self) -> str | None:
         """Return why a hand is of the other side, or None."""
@@ -462,7 +462,8 @@ class InputMonitor:
                 '1 to 2 mm are usual for one that was measured: its fingers may stay too '
                 f'straight; expected is a hand file ({self.names.hand}) with the '
                 "lengths of your hand and the markers' offsets on the skin, as "
-                f'config/hand.yaml explains.{self._other_person}')
+                'config/hand.yaml explains'
+                + (f'; or is it {other}?' if (other := self._other_person) else ''))
 
     def _name_the_never_seen(self) -> None:
         if self._started is None:

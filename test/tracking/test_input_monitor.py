@@ -222,7 +222,7 @@ def test_tells_of_another_person_where_the_size_was_learned():
             hand.feed(i / 20., off)
             lines += hand.said(i / 20.)
         line = next(line for line in lines if 'off the hand' in line)
-        assert ('learned at the start, 70 mm: of another person ~/reset' in line) is is_told
+        assert ('size was learned (70 mm; ~/reset learns it anew)?' in line) is is_told
 
 
 def test_says_that_a_right_hand_is_no_left_one():
