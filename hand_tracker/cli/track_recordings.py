@@ -90,7 +90,8 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
         else:
             tracked = collect_hands(job.frames(), job.hands)
             save_motion(output, tracked if options.side == BOTH else tracked.hands[0],
-                        options.names, options.order)
+                        options.names, options.order,
+                        0. if job.zero is None else 1e-9 * (tracked.start - job.zero))
     elapsed = time.monotonic() - start
     return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed)
 

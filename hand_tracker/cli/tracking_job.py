@@ -186,8 +186,9 @@ class TrackingJob:
     def _report(self, now: int) -> None:
         for side, monitor in self._monitors.items():
             for _, line in monitor.log_lines(1e-9 * now, str):
+                since = self._bag.start if self.zero is None else self.zero
                 self._progress.say(
-                    f'at {1e-9 * (now - self._bag.start):.2f} s: {self._whose(side)}{line}')
+                    f'at {1e-9 * (now - since):.2f} s: {self._whose(side)}{line}')
 
     def _whose(self, side: str) -> str:
         return f'{side} hand: ' if len(self._hands) > 1 else ''

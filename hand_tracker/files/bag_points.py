@@ -43,7 +43,8 @@ from .point_recording import (
 BAG_FORMAT = 'rosbag2'
 WRITTEN_TOPIC = '/markers'
 WRITTEN_FRAME = 'world'
-START_TIME = 10**9         # [ns] of the first frame: a stamp of zero is none
+START_TIME = 10**9         # [ns] of a first frame at 0 s: a stamp of zero is none
+LATEST_START = 2**31       # [s] of a stamp
 KEPT_TEMPLATES = 512       # cached message templates, one for each set of seen markers
 MAX_BAG_LABELS = 4096
 POINT_MESSAGES = {kind.type: kind for kind in (
@@ -360,10 +361,18 @@ def sampled_labels(bag: Bag, topic: str, count: int) -> list[str]:
 
 
 def recorded_times(recording: PointRecording) -> list[int]:
-    """Return the time of each frame; the first of files other than bags is `START_TIME` [ns]."""
-    start = START_TIME if recording.origin is None else recording.origin.start
-    times = np.round(1e9 * (recording.times() - recording.times()[:1])).astype(np.int64)
-    return [start + time for time in times.tolist()]
+    """Return the time of each frame [ns].
+
+    Of files other than bags it is their own, as far as the first frame's can be a stamp; else that
+    is `START_TIME`.
+    """
+    own = recording.times()
+    times = np.round(1e9 * (own - own[:1])).astype(np.int64)
+    if recording.origin is not None:
+        start = recording.origin.start
+    else:
+        start = round(1e9 * float(own[0])) if len(own) and 0. < own[0] < LATEST_START else 0
+    return [(start or START_TIME) + time for time in times.tolist()]
 
 
 def recorded_frame(recording: PointRecording) -> str:

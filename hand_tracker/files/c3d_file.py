@@ -343,15 +343,16 @@ def write_c3d(path: Path, recording: PointRecording) -> None:
         raise RecordingError(f'{path}: {frames} frames of {count} points; a C3D file holds 1 to '
                              f'{SATURATED - 1} points')
     rate = recording.rate if np.isfinite(recording.rate) else 0.
-    section = _parameter_section(recording, rate, 0)
+    first = _first_frame(recording, rate)
+    section = _parameter_section(recording, rate, first, 0)
     blocks = -(-(len(section) + 4) // C3D_BLOCK)
     if blocks > 255:
         raise RecordingError(f'{path}: the labels of {count} points need {blocks} blocks; a C3D '
                              'file has 255 for its parameters')
     data_block = 2 + blocks
-    section = _parameter_section(recording, rate, data_block)
-    last = min(frames, SATURATED)
-    head = struct.pack('<BB5HfHHf', 2, C3D_KEY, count, 0, 1, last, 0, -1., data_block, 0, rate)
+    section = _parameter_section(recording, rate, first, data_block)
+    ends = (min(frame, SATURATED) for frame in (first, first + frames - 1))
+    head = struct.pack('<BB5HfHHf', 2, C3D_KEY, count, 0, *ends, 0, -1., data_block, 0, rate)
     with open(path, 'wb') as file:
         file.write(head.ljust(C3D_BLOCK, b'\0'))
         file.write((struct.pack('4B', 1, C3D_KEY, blocks, INTEL) + section).ljust(
@@ -364,7 +365,16 @@ def write_c3d(path: Path, recording: PointRecording) -> None:
         file.write(bytes(-file.tell() % C3D_BLOCK))
 
 
-def _parameter_section(recording: PointRecording, rate: float, data_block: int) -> bytes:
+def _first_frame(recording: PointRecording, rate: float) -> int:
+    """Return the number of the first frame: frame 1 is at 0 s."""
+    if recording.stamps is None or not rate:
+        return 1
+    first = 1. + float(recording.stamps[0]) * rate
+    return round(first) if 1. <= first < 2**31 - len(recording.points) else 1
+
+
+def _parameter_section(recording: PointRecording, rate: float, start: int,
+                       data_block: int) -> bytes:
     frames, count = recording.points.shape[:2]
     labels = [label.encode('latin-1', 'replace')[:MAX_LABEL]
               for label in recording.labels]
@@ -384,7 +394,7 @@ def _parameter_section(recording: PointRecording, rate: float, data_block: int) 
         section += _texts(f'LABELS{suffix}', some)
         section += _texts(f'DESCRIPTIONS{suffix}', [b' '] * len(some))
     section += _parameter(2, 'USED', 2, (), struct.pack('<H', 0))
-    for name, frame in (('START', 1), ('END', frames)):
+    for name, frame in (('START', start), ('END', start + frames - 1)):
         section += _parameter(3, f'ACTUAL_{name}_FIELD', 2, (2,),
                               struct.pack('<2H', frame & 0xffff, frame >> 16))
     section += _parameter(1, 'DATA_START', 2, (), struct.pack('<H', data_block))

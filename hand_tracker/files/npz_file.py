@@ -26,6 +26,7 @@ from .point_recording import (
 NPZ_START = b'PK'
 # Fields that hold points and their names, markers first.
 NPZ_FIELDS = (('markers', 'marker_names'), ('positions', 'joints'))
+TIMES_FIELD = 'times_s'     # of the frames, where they do not begin at 0 or are not even
 
 
 @contextmanager
@@ -174,6 +175,12 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         rate = float(fields['rate_hz']) if 'rate_hz' in fields else np.nan
     except (TypeError, ValueError):
         raise RecordingError(f'{path}: rate_hz {fields["rate_hz"]}; expected a number') from None
+    stamps = fields.get(TIMES_FIELD)
+    if stamps is not None and (
+            stamps.shape != (len(points),) or stamps.dtype.kind not in 'fiu'
+            or not np.isfinite(stamps).all() or (np.diff(stamps) < 0.).any()):
+        raise RecordingError(f'{path}: {TIMES_FIELD} of shape {stamps.shape}, {stamps.dtype}; '
+                             f'expected {len(points)} increasing numbers, the times of the frames')
     labels, repeated = unique_labels(named[pair])
     is_landmarks = pair[0] != 'markers'
     # No camera loses a landmark in every frame: such are relative to it.
@@ -182,7 +189,8 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     buffer.append(points)
     labels, points = buffer.finish()
     return PointRecording(
-        path.name, 'npz', labels, points, rate if rate > 0. else np.nan, None, Axes(),
+        path.name, 'npz', labels, points, rate if rate > 0. else np.nan,
+        None if stamps is None else stamps.astype(float), Axes(),
         (*filter(None, (repeated,)), *beside), is_landmarks,
         side=_side_of(fields.get('side'))), Axes('m', 'z')
 
@@ -212,6 +220,8 @@ def write_npz(path: Path, recording: PointRecording) -> None:
     labels = [label or f'unlabeled {i + 1}' for i, label in enumerate(recording.labels)]
     fields: dict[str, Any] = {points: recording.points, names: np.array(labels),
                               'rate_hz': np.array(recording.rate)}
+    if recording.stamps is not None:
+        fields[TIMES_FIELD] = recording.stamps
     if recording.side:
         fields['side'] = np.array(recording.side)
     with open(path, 'wb') as file:

@@ -113,11 +113,14 @@ class TrackedHands(NamedTuple):
         Of each hand the place of its frames among all frames.
     times : ndarray, shape (T,)
         Of the frames that have one hand or more [s].
+    start : int
+        Stamp of the first of them [ns].
     """
 
     hands: tuple[HandAngles, ...]
     rows: tuple[np.ndarray, ...]
     times: np.ndarray
+    start: int = 0
 
 
 def usual_step(times: np.ndarray) -> float:

@@ -72,11 +72,11 @@ def collect_hands(frames: Iterable[Mapping[str, RecordedFrame]],
             for i, shape in enumerate(((len(JOINTS),), (3,), (3, 3))))
         found.append(HandAngles(hand, angles, positions, rotations, times[own]))
         frames_of.append(own)
-    return TrackedHands(tuple(found), tuple(frames_of), times)
+    return TrackedHands(tuple(found), tuple(frames_of), times, stamps[0])
 
 
 def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NAMINGS[0],
-                order: str = EULER_ORDERS[0]) -> None:
+                order: str = EULER_ORDERS[0], start: float = 0.) -> None:
     """Write a tracked hand, or both; the file appears when it is whole.
 
     Parameters
@@ -87,6 +87,8 @@ def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NA
     tracked : HandAngles or TrackedHands
     naming, order : str, optional
         Names of the joints, of `NAMINGS`; order of the Euler angles, of `EULER_ORDERS`.
+    start : float, optional
+        Time of the first frame in files of joint centres; skeletons in motion begin at 0 [s].
 
     Raises
     ------
@@ -97,7 +99,7 @@ def save_motion(path: Path, tracked: HandAngles | TrackedHands, naming: str = NA
     if kind in POINT_KINDS:
         centres = hands_centres(tracked, path.stem) if isinstance(
             tracked, TrackedHands) else joint_centres(tracked, path.stem)
-        write_recording(path, centres)
+        write_recording(path, centres._replace(stamps=centres.times() + start))
         return
     require_suffix(path, MOTION_KINDS)
     require_folder(path)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import struct
 import sys
 import time
 from io import StringIO
@@ -28,6 +27,7 @@ from hand_tracker.files.bvh_file import write_bvh_motion
 from hand_tracker.files.point_recording import (
     Axes,
     PointRecording,
+    RecordingError,
     Said,
     conversion_note,
     even_rows,
@@ -735,8 +735,8 @@ def test_a_rate_that_no_file_says_is_assumed_and_given(tmp_path, capsys):
     assert angles(out)[-1, 0] == pytest.approx(239 / 60.)
 
 
-@pytest.mark.parametrize('name', ['take.trc', 'take.csv', 'vicon.csv', 'take.c3d'])
-def test_the_table_has_the_time_of_the_file(tmp_path, name):
+@pytest.mark.parametrize('name', ['take.trc', 'take.csv', 'vicon.csv', 'take.c3d', 'take.npz'])
+def test_the_table_has_the_time_of_the_file(tmp_path, capsys, name):
     path, out = tmp_path / name, tmp_path / 'angles.csv'
     recording = hand_recording(240)._replace(stamps=5. + np.arange(240) / 120.)
     recording.points[:30] = np.nan
@@ -746,15 +746,37 @@ def test_the_table_has_the_time_of_the_file(tmp_path, name):
         path.write_text('\n'.join([*lines[:5], *(
             f'{600 + int(frame)},{rest}' for frame, _, rest in (
                 line.partition(',') for line in lines[5:]))]))
-    elif path.suffix == '.c3d':
-        data = bytearray(path.read_bytes())
-        struct.pack_into('<2H', data, 6, 601, 840)
-        for field, number in (b'ACTUAL_START_FIELD', 601), (b'ACTUAL_END_FIELD', 840):
-            # Behind the name: length, type, and its dimensions.
-            struct.pack_into('<2H', data, data.index(field) + len(field) + 5, number, 0)
-        path.write_bytes(data)
     assert main(['track', str(path), '-o', str(out)]) == 0
     np.testing.assert_allclose(angles(out)[:, 0], 5. + np.arange(30, 240) / 120., atol=1e-6)
+    assert 'at 5.25 s: tracking' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['centres.trc', 'centres.c3d'])
+def test_joint_centres_have_the_time_of_the_file(tmp_path, name):
+    path, out = tmp_path / 'take.trc', tmp_path / name
+    recording = hand_recording(60)._replace(stamps=700. + np.arange(60) / 120.)
+    recording.points[:30] = np.nan
+    write_recording(path, recording)
+    assert main(['track', str(path), '-o', str(out)]) == 0
+    np.testing.assert_allclose(read_recording(out).times(), recording.stamps[30:], atol=1e-6)
+
+
+def test_a_recording_of_messages_has_the_stamps_of_the_file(tmp_path):
+    recording = hand_recording(20)._replace(stamps=5. + np.arange(20) / 120.)
+    write_recording(tmp_path / 'take.mcap', recording)
+    with open_bag(tmp_path / 'take.mcap') as bag:
+        assert (bag.start, bag.duration) == (5 * 10**9, round(19e9 / 120.))
+    # A stamp of zero is none.
+    assert recorded_times(recording._replace(stamps=recording.stamps - 5.))[0] == 10**9
+
+
+@pytest.mark.parametrize('times', [[0., 1.], [[0.], [1.], [2.]], [0., np.nan, 2.], [0., 2., 1.]])
+def test_times_of_an_npz_file_that_are_none_are_refused(tmp_path, times):
+    write_recording(tmp_path / 'take.npz', hand_recording(3))
+    with np.load(tmp_path / 'take.npz') as fields:
+        np.savez(tmp_path / 'bad.npz', **fields, times_s=np.array(times))
+    with pytest.raises(RecordingError, match='bad.npz: times_s of shape .*; expected 3 increasing'):
+        read_recording(tmp_path / 'bad.npz')
 
 
 def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
