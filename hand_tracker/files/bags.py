@@ -345,7 +345,7 @@ def bag_message(topic: str, time: int, message: Any) -> BagMessage:
 
 
 def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], positions: ArrayLike,
-                         diameter: float = .01, namespace: str = 'hand') -> Any:
+                         diameter: float = .01, namespace: str | None = 'hand') -> Any:
     """Build a MarkerArray with a sphere for each marker that is not missing.
 
     Parameters
@@ -359,8 +359,8 @@ def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], posit
         [m]; a marker with a NaN is missing.
     diameter : float
         Of the spheres [m].
-    namespace : str, optional
-        Of all markers.
+    namespace : str or None, optional
+        Of all markers; None for that each has its label as its own.
 
     Returns
     -------
@@ -382,7 +382,8 @@ def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], posit
             continue
         point = _make('geometry_msgs/msg/Point', *position.tolist())
         markers.append(_make(
-            'visualization_msgs/msg/Marker', header, namespace, index, sphere, add,
+            'visualization_msgs/msg/Marker', header,
+            label if namespace is None else namespace, index, sphere, add,
             _make('geometry_msgs/msg/Pose', point, upright), scale, white, forever, False,
             [], [], '', texture, [], label, '', mesh, False))
     return _make(MARKER_ARRAY, markers)

@@ -126,17 +126,19 @@ def recording_messages(recording: SimulatedRecording, side: str,
     side : {'right', 'left'}
         Prefix of the joints' names.
     markers : sequence of str, optional
-        Names of the markers.
+        Names of the markers: their namespaces, too, of others than the paper's eight, whose ids
+        name none.
 
     Yields
     ------
     BagMessage
     """
     names = [f'{side}_{joint}' for joint in JOINTS]
+    namespace = 'hand' if tuple(markers) == MARKERS else None
     for stamp, places, angles in zip(
             recording.stamps.tolist(), recording.markers, recording.angles):
         yield bag_message(MARKER_TOPIC, stamp, marker_array_message(
-            stamp, RECORDING_FRAME_ID, markers, places))
+            stamp, RECORDING_FRAME_ID, markers, places, namespace=namespace))
         yield bag_message(JOINT_TRUTH_TOPIC, stamp, joint_state_message(
             stamp, names, angles, RECORDING_FRAME_ID))
 

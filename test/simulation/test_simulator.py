@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.repository import REPOSITORY
+from hand_tracker.__main__ import main as hand_tracker
 from hand_tracker.cli.simulate import main
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand
@@ -161,6 +162,14 @@ def test_a_seed_changes_the_noise_of_a_range_of_motion_but_not_its_fingers():
                   for seed in (1, 2))
     np.testing.assert_array_equal(one.angles, other.angles)
     assert not np.array_equal(one.markers, other.markers, equal_nan=True)
+
+
+def test_a_recording_of_another_layout_names_its_markers(tmp_path, capsys):
+    path = str(tmp_path / 'out.mcap')
+    assert main(['power_grasp', '--layout', 'dfki13', '--side', 'left', '--rate', '20',
+                 '--duration', '5', '-o', path]) == 0
+    assert hand_tracker(['inspect', path]) == 0
+    assert capsys.readouterr().out.rstrip().endswith('--layout dfki13 --side left')
 
 
 @pytest.mark.parametrize('name', ['mediapipe21', 'dfki13'])
