@@ -45,7 +45,8 @@ def _run(node: str) -> int:
 def _run_or_command(name: str) -> int:
     """Run a node, or the command of its name when the arguments are not those of a node."""
     arguments = sys.argv[1:]
-    if arguments and arguments[0] not in ('--ros-args', *ASKS):
+    # Parameters without --ros-args are told of by the node.
+    if arguments and arguments[0] not in ('--ros-args', *ASKS) and ':=' not in arguments[0]:
         return main([name, *arguments])
     if not ASKS & set(arguments):
         # Importing and preparing the hand take seconds.

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
+from itertools import takewhile
 from threading import Event, Thread, main_thread
 from typing import Any
 
@@ -252,7 +253,7 @@ def run_together(makers: Mapping[str, Callable[[], Node]], work: Callable[..., o
     try:
         _init(args)
         if ros_words_alone:
-            _refuse_words(remove_ros_args(sys.argv[1:] if args is None else args))
+            _refuse_words(sys.argv[1:] if args is None else args)
         for make_node in makers.values():
             nodes.append(make_node())
         _handle_interrupts(_interrupt)
@@ -298,10 +299,14 @@ def _init(args: list[str] | None) -> None:
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 
 
-def _refuse_words(words: list[str]) -> None:
+def _refuse_words(args: list[str]) -> None:
+    # ROS takes NAME:=VALUE without -p, as for a launch file, for another name of a topic.
+    assigned = [word for word in takewhile(lambda word: word != '--ros-args', args) if ':=' in word]
+    words = remove_ros_args(args) + assigned
     if words:
         raise InvalidArguments(f"'{shlex.join(words)}': no arguments of ROS; expected parameters "
-                               'as --ros-args -p NAME:=VALUE')
+                               f'as --ros-args -p {(assigned or ["NAME:=VALUE"])[0]}, other names '
+                               'of topics as -r OLD:=NEW')
 
 
 def refuse_unknown(node: Node, sections: Sequence[str]) -> None:

@@ -38,6 +38,14 @@ def test_a_process_whose_end_hangs_is_ended_with_a_traceback():
         assert 'in destroy_node' in process.output
 
 
+@pytest.mark.parametrize('node', ['tracker', 'simulate'])
+def test_arguments_as_of_a_launch_file_are_refused_with_how_a_node_takes_them(node):
+    with Process([sys.executable, '-m', 'hand_tracker.entry', node, 'side:=left']) as process:
+        process.wait_for_line("'side:=left': no arguments of ROS; expected parameters as "
+                              '--ros-args -p side:=left')
+        assert process.wait() == 1
+
+
 def test_words_that_ros_does_not_know_are_refused():
     module = 'hand_tracker.nodes.tracker_node'
     with Process([sys.executable, '-m', module, '--side', 'left', '--ros-args']) as process:
