@@ -16,7 +16,7 @@ from ..core.model.hand import (
     WEARER_LIMITS,
 )
 from ..parallel import Interruptions
-from .recording_options import add_layout_option, add_marker_options, run_command
+from .recording_options import add_layout_option, add_marker_options, one_side, run_command
 from .reporting import CommandParser, reporting
 
 FINGER_LENGTH_RANGE, MARKER_HEIGHT_RANGE = (.04, .14), (0., .03)     # [m]
@@ -63,7 +63,8 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
                         help='hand file to write')
     parser.add_argument('--picture', type=Path, metavar='FILE.png',
                         help='of the fitted hand; default: beside the hand file')
-    parser.add_argument('--side', choices=SIDES, help="default: the take's, else right")
+    parser.add_argument('--side', type=one_side, choices=SIDES,
+                        help="default: the take's, else right")
     parser.add_argument('--fingers', choices=('dip', 'tip'), default='dip',
                         help='joint at which the fingers wear their markers, of recordings; '
                         'default: %(default)s')

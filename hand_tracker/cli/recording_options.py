@@ -54,6 +54,14 @@ class WornHand(NamedTuple):
     labels: LabelMap
 
 
+def one_side(text: str) -> str:
+    """Parse the side of a command that takes one hand; say what to do for both."""
+    if text == BOTH:
+        raise argparse.ArgumentTypeError('both: this command takes one hand at a time; expected '
+                                         '--side right, and the command again with --side left')
+    return text
+
+
 def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> None:
     """Add the options of a command line that `choose_hand` takes: hand, side, limits, coupling.
 
@@ -68,6 +76,7 @@ def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> Non
         parser.add_argument('--left-hand', metavar='FILE', help='with --side both: hand file of '
                             "the left hand; default: --hand's")
     parser.add_argument('--side', choices=(*SIDES, BOTH) if both else SIDES,
+                        type=str if both else one_side,
                         help="default: the hand file's, else right")
     parser.add_argument('--limits', choices=LIMIT_PRESETS,
                         help="default: the hand file's, else paper")
@@ -338,13 +347,14 @@ def _hand_file(options: argparse.Namespace, side: str | None) -> str | None:
     return str(left if side == 'left' else options.hand)
 
 
-def mirrored_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[str]:
-    """Return the notes to print on hands that are mirror images of those in their files."""
-    from ..files.hand_file import mirrored_note
+def hand_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[str]:
+    """Return the notes to print on hands: mirror images of their files', or of unknown range."""
+    from ..files.hand_file import mirrored_note, unknown_range_note
 
     # Without a side it is the file's own.
     files = [(_hand_file(options, one.hand.side), one.hand.side) for one in hands if options.side]
     notes = [mirrored_note(path, side) for path, side in files if path]
+    notes += {unknown_range_note(options.limits, one.hand) for one in hands}
     return [note for note in notes if note is not None]
 
 

@@ -8,7 +8,7 @@ from ..core.model.hand import SIDES
 from ..output_files import PICTURE_SUFFIXES, require_writable
 from ..package_data import packaged_recording
 from . import view
-from .recording_options import require_inputs
+from .recording_options import one_side, require_inputs
 from .reporting import CommandParser, reporting
 
 ROBOT_FILE_SUFFIXES = '.yaml', '.yml'
@@ -36,7 +36,8 @@ def main(args: list[str] | None = None) -> int:
     inspect.add_argument('robot', help='URDF, robot file, dex-retargeting file, or preset')
     inspect.add_argument('--robot-description', '--urdf', dest='urdf', default='', metavar='URDF',
                          help="the URDF's path, for a preset or a file")
-    inspect.add_argument('--side', choices=SIDES, help="instead of the geometry's")
+    inspect.add_argument('--side', type=one_side, choices=SIDES,
+                         help="instead of the geometry's")
     inspect.add_argument('--hand', metavar='FILE', help='hand file of the person to draw beside')
     inspect.add_argument('-o', '--output', type=Path, metavar='FILE',
                          help='robot file (YAML) to write')
@@ -47,7 +48,8 @@ def main(args: list[str] | None = None) -> int:
     show.add_argument('robot', help='as for inspect')
     show.add_argument('--robot-description', '--urdf', dest='urdf', default='', metavar='URDF',
                       help='as for inspect')
-    show.add_argument('--side', choices=SIDES, default=SIDES[0], help="the person's")
+    show.add_argument('--side', type=one_side, choices=SIDES, default=SIDES[0],
+                      help="the person's")
     options = parser.parse_args(args)
     require_inputs(options)
     if options.command == 'view':

@@ -17,7 +17,7 @@ from ..output_files import require_writable
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
-from .recording_options import add_layout_option, require_inputs
+from .recording_options import add_layout_option, one_side, require_inputs
 from .reporting import CommandParser, reporting
 
 # What simulates is imported where it is used, so that a wrong option is reported at once.
@@ -67,7 +67,7 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
                         'and the motion, but of demo and of the fingers in range_of_motion, which '
                         'are always the same')
     parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')
-    parser.add_argument('--side', choices=SIDES, help='of the hand')
+    parser.add_argument('--side', type=one_side, choices=SIDES, help='of the hand')
     add_layout_option(parser)
     for kind, what in (('swaps', 'labels of neighbours exchanged'),
                        ('ghosts', 'reflections taken for markers'),

@@ -27,10 +27,13 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
-from .recording_options import mirrored_notes, recorded_hands, recorded_reading
+from .recording_options import hand_notes, recorded_hands, recorded_reading
 
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
+MUCH_LEFT_OUT = .1   # of the frames, above which the end says so, and why
+DOES_NOT_FIT = ('it does not fit the markers; one that is fitted to them does (hand_tracker '
+                'calibrate, then --hand)')
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
     'degrees off until a hand is fitted (hand_tracker calibrate); --layout paper8_skin takes them '
@@ -131,18 +134,30 @@ class TrackingJob:
             self.held += not shown
             yield frames
         self._require_tracked()
+        few = {side: self._palms[side] < FEW_SHARE * self.read for side in self._hands}
         for side, (_, reading) in self._hands.items():
-            self._warn_of_few(side, reading.has_labels, names.labels)
+            if few[side]:
+                self._warn_of_few(side, reading.has_labels, names.labels)
+        if not any(few.values()):
+            self._warn_of_left_out()
+
+    def _warn_of_left_out(self) -> None:
+        """Say how much of the recording is left out, and the main reason, if it is much."""
+        left_out = self.read - self.tracked
+        if left_out <= MUCH_LEFT_OUT * self.read:
+            return
+        is_misfit = 2 * sum(self._misfits.values()) > left_out
+        self.say(f'{left_out} of {self.read} frames ({left_out / self.read:.0%}) are left out: '
+                 + (f'the hand is there, but {DOES_NOT_FIT}' if is_misfit else
+                    'no hand is found in most of these; are its markers hidden there, or labels '
+                    'others than meant?'))
 
     def _warn_of_few(self, side: str, has_labels: bool, labels: str) -> None:
         """Say in how few frames a hand was seen, and which option may cure it."""
-        if self._palms[side] >= FEW_SHARE * self.read:
-            return
         whose = self._whose(side)
         if self._misfits[side] > self.read - self._palms[side] - self._misfits[side]:
             self.say(f'{whose}in {self._misfits[side]} of {self.read} frames the hand is '
-                     'left out, as it does not fit the markers; one that is fitted to them does '
-                     '(hand_tracker calibrate, then --hand)')
+                     f'left out, as {DOES_NOT_FIT}')
             return
         cure = (f'other labels than meant ({labels}), or labels of no use '
                 f'(--labels {WITHOUT_LABELS})' if has_labels else 'another layout (--layout)')
@@ -218,7 +233,7 @@ def tracking_job(options: argparse.Namespace, interrupted: Interruptions,
     with open_recording(recording, partial=options.partial) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, hands,
                           options.auto_size and options.hand is None)
-        for note in (*bag.notes, *mirrored_notes(options, worn)):
+        for note in (*bag.notes, *hand_notes(options, worn)):
             job.say(note)
         if options.hand is None and job.needs_hand_file:
             job.say(WITHOUT_HAND_FILE)

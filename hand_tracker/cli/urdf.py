@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from ..core.model.hand import LIMIT_PRESETS, SIDES
-from .recording_options import require_inputs
+from .recording_options import one_side, require_inputs
 from .reporting import CommandParser, reporting
 
 
@@ -24,7 +24,7 @@ def main(args: list[str] | None = None) -> int:
     """
     parser = CommandParser(prog='hand_tracker urdf', description='Write the URDF of a hand.')
     parser.add_argument('--hand', metavar='FILE', help='hand file; the mean hand when left out')
-    parser.add_argument('--side', choices=SIDES, help="instead of the hand file's")
+    parser.add_argument('--side', type=one_side, choices=SIDES, help="instead of the hand file's")
     parser.add_argument('--limits', choices=LIMIT_PRESETS, help="instead of the hand file's")
     parser.add_argument('--prefix', default='', help='put before every joint and link')
     parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')

@@ -10,7 +10,7 @@ from ..package_data import packaged_recording
 from ..viewer.page_options import add_page_options
 from .recording_options import (
     add_recording_options,
-    mirrored_notes,
+    hand_notes,
     recorded_hands,
     recorded_notes,
     recorded_reading,
@@ -48,7 +48,7 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     from ..viewer.recording_source import viewed_hands
 
     hands, recording = recorded_hands(options)
-    for note in (*recorded_notes(recording), *mirrored_notes(options, hands)):
+    for note in (*recorded_notes(recording), *hand_notes(options, hands)):
         print(f'{options.recording}: {note}', file=sys.stderr)
     viewed = [(hand, layout, recorded_reading(options, recording, labels))
               for hand, layout, labels in hands]

@@ -37,6 +37,7 @@ from ..core.model.hand import (
     THUMB_MCP_ABDUCTION_RANGE,
     THUMB_ROLL_RANGE,
     USUAL_COUPLING_SPREAD,
+    WEARER_LIMITS,
     Hand,
     average_natural_flexion,
     preset_coupling,
@@ -49,7 +50,8 @@ from .layout_file import choose_layout, layout_of_tree, tree_of_layout
 from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
-__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note', 'save_hand']
+__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note', 'save_hand',
+           'unknown_range_note']
 
 
 LENGTH = Quantity('mm', 0, *(1000. * v for v in HAND_LENGTH_RANGE))
@@ -208,6 +210,20 @@ def mirrored_note(path: str | PathLike[str], side: str) -> str | None:
     own = load_hand(path)[0].side
     return None if own == side else (
         f'the hand file {path} is of a {own} hand: its mirror image is taken for the {side} one')
+
+
+def unknown_range_note(limits: str | None, hand: Hand) -> str | None:
+    """Return a note where a wearer's limits are asked for, but a hand has none, else None.
+
+    Parameters
+    ----------
+    limits : str or None
+        Preset that is asked for.
+    hand : Hand
+    """
+    return None if limits != WEARER_LIMITS or hand.range_of_motion.any() else (
+        f"limits '{WEARER_LIMITS}' are Table 1 of the paper ('paper') here: the wearer's range of "
+        'motion is not known; expected a hand file of hand_tracker calibrate')
 
 
 def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> None:

@@ -19,7 +19,7 @@ from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
-from ..files.hand_file import mirrored_note
+from ..files.hand_file import mirrored_note, unknown_range_note
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
@@ -99,7 +99,7 @@ class TrackedHand:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
         # Else it is the file's own side.
-        self._file_note = mirrored_note(
+        self._hand_notes = unknown_range_note(start['limits.preset'], self.hand), mirrored_note(
             Path(start['hand_file']).expanduser(), self.hand.side) if start['hand_file'] and (
                 start['side'] != AUTO) else None
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
@@ -147,8 +147,8 @@ class TrackedHand:
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
         self._monitor.check_side(self.hand, self._tracker.layout)
-        if self._file_note is not None:
-            self._monitor.warn_once('mirrored', self._file_note)
+        for note in filter(None, self._hand_notes):
+            self._monitor.warn_once(('hand', note), note)
         if self.labels_points:
             self._warn_of_usual_shape()
         self._check_exchange()

@@ -2,7 +2,18 @@
 
 import pytest
 
-from hand_tracker.cli import evaluate, robot, track
+from hand_tracker.cli import calibrate, evaluate, plot, robot, simulate, track
+
+
+@pytest.mark.parametrize('main, arguments', [
+    (calibrate.main, ('in.c3d', '-o', 'my.yaml')), (plot.main, ('in.c3d',)),
+    (simulate.main, ('demo', '-o', 'out.mcap'))])
+def test_both_sides_are_one_after_the_other_where_a_command_takes_one(main, arguments, capsys):
+    with pytest.raises(SystemExit):
+        main([*arguments, '--side', 'both'])
+    said = capsys.readouterr().err
+    assert 'both: this command takes one hand at a time; expected --side right, and' in said
+    assert said.count('\n') == 1
 
 
 @pytest.mark.parametrize('main, arguments, said', [

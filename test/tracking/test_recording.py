@@ -39,6 +39,7 @@ from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.recordings import read_recording
 from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.packaged_recordings import (
     both_hands_messages,
@@ -535,6 +536,28 @@ def test_the_end_says_where_few_frames_show_the_palm(seen, is_said, tmp_path, ca
     assert '60 of 60 frames tracked' in said.out    # the last pose is kept
     assert f'tracked, {60 - seen} of them show no palm' in said.out
     assert (f'only {seen} of 60 frames show the palm' in said.err) == is_said
+
+
+@pytest.mark.parametrize('first, is_said', [(5, False), (20, True)])
+def test_the_end_says_how_much_is_left_out(first, is_said, tmp_path, capsys):
+    recording = demo_recording()
+    markers = recording.markers[:60].copy()
+    markers[:first, :3] = np.nan
+    write_bag(tmp_path / 'in.mcap', recording_messages(recording._replace(
+        stamps=recording.stamps[:60], markers=markers, angles=recording.angles[:60]), 'right'))
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), GIVEN_SIZE]) == 0
+    assert ('20 of 60 frames (33%) are left out: no hand is found in most' in (
+        capsys.readouterr().err)) == is_said
+
+
+def test_limits_of_a_wearer_whose_motion_is_not_known_are_told(tmp_path, capsys):
+    ranged = tmp_path / 'my.yaml'
+    save_hand(ranged, Hand.scaled().replace(range_of_motion=preset_limits('paper')),
+              MarkerLayout())
+    for given, is_told in (((GIVEN_SIZE,), True), (('--hand', str(ranged)), False)):
+        assert main([str(packaged_recording()), '-o', str(tmp_path / 'out.csv'), '--limits',
+                     'wearer', *given]) == 0
+        assert ("limits 'wearer' are Table 1 of the paper" in capsys.readouterr().err) is is_told
 
 
 def test_the_end_says_where_the_hand_does_not_fit_the_markers(tmp_path, capsys):
