@@ -11,8 +11,9 @@ from .marker_residuals import DigitProblem, PosturePrior
 from .palm_template import ELSEWHERE
 
 # Distance of markers from a digit's first joint, in that of the straight digit's farthest one as it
-# is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. Ours.
-MARKER_REACH, MARKER_REACH_MARGIN = 1.25, .01
+# is expected, and [m] besides, beyond which they are others; on recorded hands 1.1 at most. The
+# margin is wider where no landmark of the palm tells where first joints are. Ours.
+MARKER_REACH, MARKER_REACH_MARGIN, UNPLACED_MARGIN = 1.25, .01, .04
 LEAST_WITHIN_REACH = .2       # of a marker's frames; with fewer its label is wrong. Ours
 ELSEWHERE_AT_FIRST = .04      # [m] as `ELSEWHERE`, by the usual shape, which people leave. Ours
 MOST_STRAYS = .2              # of all frames; with more, labels are wrong. Ours
@@ -72,13 +73,20 @@ def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
     return starts
 
 
-def within_reach(problem: DigitProblem) -> DigitProblem:
-    """Return the problem without markers where the digit cannot be: ghosts, or wrong labels."""
+def within_reach(problem: DigitProblem, is_placed: bool) -> DigitProblem:
+    """Return the problem without markers where the digit cannot be: ghosts, or wrong labels.
+
+    Parameters
+    ----------
+    problem : DigitProblem
+    is_placed : bool
+        Whether a marker of the palm is at a landmark.
+    """
     shape = problem.prior.mean
     straight = place_markers(problem.chain, shape, np.zeros((1, len(problem.posture.mean))))[0]
     farthest = np.linalg.norm(straight - shape[ROOT_PART], axis=1).max()
     is_beyond = np.linalg.norm(problem.points - shape[ROOT_PART], axis=2) > (
-        MARKER_REACH * farthest + MARKER_REACH_MARGIN)
+        MARKER_REACH * farthest + (MARKER_REACH_MARGIN if is_placed else UNPLACED_MARGIN))
     return problem._replace(points=np.where(is_beyond[..., None], np.nan, problem.points))
 
 

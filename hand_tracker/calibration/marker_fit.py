@@ -260,7 +260,7 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
         digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp'),
                     gathered.ruler),
         np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)
-    reached = within_reach(problem)
+    reached = within_reach(problem, not set(palm.names) <= set(palm.usual))
     seen, near = (np.isfinite(one.points).all(axis=2).sum(axis=0) for one in (problem, reached))
     for name, before_that, left in zip(marked.names, seen, near):
         if left < LEAST_WITHIN_REACH * before_that:

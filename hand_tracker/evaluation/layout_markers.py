@@ -1,8 +1,9 @@
-"""Layouts of all the markers that a take has: each marker left out once, and residuals.
+"""Layouts of all the markers that a take has: each marker left out or hidden once, and residuals.
 
 A hand and the places of all its markers are fitted to other takes of it (one take is left out in
 turn, or those of --fit; the first fifth of a take that stands alone). Then the tracker gets all
-markers but one, and is asked where that one is; or it gets all, and is asked how far each is off.
+markers but one, and is asked where that one is; or that one is hidden in the second half of each
+second, and it is asked where it is then; or it gets all, and is asked how far each is off.
 """
 
 from collections.abc import Iterator
@@ -21,11 +22,12 @@ from .rows import Row, error_statistics, mean_of
 from .tables import Picture, Table, mean_and_p95, words
 from .unseen_markers import Judgement, judgements
 
-WORN, LEFT_OUT = 'worn', 'left_out'
+WORN, LEFT_OUT, HIDDEN = 'worn', 'left_out', 'hidden'
+HIDDEN_PERIOD = 1.  # [s] in the second half of which a marker is hidden
 
 
 def evaluate(options: Options) -> Iterator[Row]:
-    """Yield a row for each recording and marker: worn with all others, and left out."""
+    """Yield a row for each recording and marker: worn with all others, left out, and hidden."""
     tasks = judgements(options.layout_takes, options.fit_layout_takes)
     yield from options.judge_each(
         'hands', judge, tasks, lambda task: ', '.join(take.name for take in task.judged),
@@ -42,24 +44,32 @@ def judge(task: Judgement) -> list[Row]:
 def _rows_of(take: MarkerTake, hand: Hand, layout: MarkerLayout) -> list[Row]:
     """Return the rows of one take."""
     worn = take.columns(layout.names)
-    rows = []
-    for left_out in (None, *range(len(layout.names))):
-        frames = worn.copy()
-        if left_out is not None:
-            frames[:, left_out] = np.nan
-        found, residuals = _track_layout(hand, layout, frames, take)
-        errors = (residuals if left_out is None
-                  else np.linalg.norm(found - worn, axis=2)[:, left_out:left_out + 1])
-        for i in range(errors.shape[1]):
-            marker = i if left_out is None else left_out
-            seen = np.isfinite(errors[:, i])
-            if seen.any():
-                rows.append({'evaluation': 'layouts', 'recording': take.name,
-                             'markers': len(layout.names),
-                             'kind': WORN if left_out is None else LEFT_OUT,
-                             'marker': layout.names[marker], **error_statistics(errors[seen, i]),
-                             'frames': int(seen.sum())})
-    return rows
+    errors = {WORN: _track_layout(hand, layout, worn, take)[1].T}
+    for kind, unseen in ((LEFT_OUT, np.ones(len(worn), dtype=bool)), (HIDDEN, _half_of_time(take))):
+        errors[kind] = np.array([_error_while(hand, layout, worn, take, marker, unseen)
+                                 for marker in range(len(layout.names))])
+    return [{'evaluation': 'layouts', 'recording': take.name, 'markers': len(layout.names),
+             'kind': kind, 'marker': name, **error_statistics(own[np.isfinite(own)]),
+             'frames': int(np.isfinite(own).sum())}
+            for kind, of_markers in errors.items() for name, own in zip(layout.names, of_markers)
+            if np.isfinite(own).any()]
+
+
+def _half_of_time(take: MarkerTake) -> np.ndarray:
+    """Return the frames in the second half of each `HIDDEN_PERIOD` of a sequence, (T,)."""
+    starts = np.flatnonzero(np.diff(take.sequence, prepend=np.nan))
+    frames = np.arange(len(take.sequence))
+    since = frames - starts[np.searchsorted(starts, frames, side='right') - 1]
+    return since / take.rate % HIDDEN_PERIOD >= .5 * HIDDEN_PERIOD
+
+
+def _error_while(hand: Hand, layout: MarkerLayout, worn: np.ndarray, take: MarkerTake, marker: int,
+                 unseen: np.ndarray) -> np.ndarray:
+    """Return the errors of a marker in the frames in which the tracker does not get it [m]."""
+    frames = worn.copy()
+    frames[unseen, marker] = np.nan
+    found, _ = _track_layout(hand, layout, frames, take)
+    return np.linalg.norm(found[unseen, marker] - worn[unseen, marker], axis=1)
 
 
 def _track_layout(hand: Hand, layout: MarkerLayout, frames: np.ndarray,
@@ -94,13 +104,13 @@ def _track_layout(hand: Hand, layout: MarkerLayout, frames: np.ndarray,
 
 
 def tables(rows: list[Row]) -> list[Table]:
-    """Return the errors of the markers left out and worn, by recording and by marker."""
+    """Return the errors of the markers left out, hidden and worn, by recording and by marker."""
     def cells(chosen: list[Row]) -> tuple[str, ...]:
         return tuple(mean_and_p95(mean_of([row for row in chosen if row['kind'] == kind]))
-                     for kind in (LEFT_OUT, WORN))
+                     for kind in (LEFT_OUT, HIDDEN, WORN))
 
     caption = 'Distance of a marker from its place on the hand, mm, mean (p95)'
-    head = ('left out', 'worn')
+    head = ('left out', f'hidden {.5 * HIDDEN_PERIOD:g} s', 'worn')
     recordings = list(dict.fromkeys(row['recording'] for row in rows))
     found = [Table(f'{caption}; means of all markers', ('recording', 'markers', *head), [
         (recording, str(chosen[0]['markers']), *cells(chosen)) for recording in recordings
