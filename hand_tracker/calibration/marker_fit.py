@@ -18,7 +18,7 @@ from ..core.model.hand import (
     Hand,
     average_natural_flexion,
 )
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
@@ -260,7 +260,8 @@ def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray
         digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp'),
                     gathered.ruler),
         np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.)
-    reached = within_reach(problem, not set(palm.names) <= set(palm.usual))
+    is_placed = any(name in PALM_LANDMARKS for name in palm.names)
+    reached = within_reach(problem, is_placed)
     seen, near = (np.isfinite(one.points).all(axis=2).sum(axis=0) for one in (problem, reached))
     for name, before_that, left in zip(marked.names, seen, near):
         if left < LEAST_WITHIN_REACH * before_that:
