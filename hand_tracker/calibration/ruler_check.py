@@ -8,9 +8,9 @@ from ..core.model.hand import FINGERS
 from .digit_chain import BONE_PART
 from .marker_fit import fit_gathered
 from .ruler import RULER_SPREAD, Ruler
-from .takes import Gathered
+from .takes import Gathered, InvalidTake
 
-BREADTH_DEVIATION = .004    # [m] of the breadth by markers on the knuckles; ours
+BREADTH_DEVIATION = .008    # [m] of the breadth by the markers, of which eight tell little; ours
 MOST_DEVIATIONS = 2.5       # between ruler and markers; ours
 
 
@@ -38,7 +38,10 @@ def ruler_doubts(gathered: Gathered, side: str) -> list[str]:
 def _compared(gathered: Gathered, side: str) -> Iterator[tuple[str, float, float, float]]:
     """Yield each measured length: its name, by the ruler and by markers, deviation [m]."""
     ruler = gathered.ruler
-    fit = fit_gathered(gathered._replace(ruler=Ruler(marker_height=ruler.marker_height)), side)
+    try:
+        fit = fit_gathered(gathered._replace(ruler=Ruler(marker_height=ruler.marker_height)), side)
+    except InvalidTake:     # what the ruler says is needed
+        return
     if ruler.length:
         yield "the hand's length", ruler.length, fit.length, fit.length_deviation
     if ruler.breadth:

@@ -84,7 +84,6 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
             if time is not None:
                 frames.append(frame.positions.copy())
                 times.append(time)
-        there = sampled_labels(bag, topic, SAMPLED_MESSAGES)
     if doubled:
         fault = (f'{path}: in {len(doubled)} of {len(frames)} frames '
                  f'{labels.doubled(doubled[0])}')
@@ -108,8 +107,10 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     for text in options.label:
         slot = worn.index(text.partition('=')[0])
         if (label := labels.labels[slot]) and seen.any() and not seen[slot]:
+            with open_bag(path, options.partial) as bag:
+                found = sampled_labels(bag, topic, SAMPLED_MESSAGES)
             raise InvalidTake(f"{path}: {worn[slot]} is never seen, with the label '{label}'; "
-                              f'expected one of {shown_labels(there, label)}')
+                              f'expected one of {shown_labels(found, label)}')
     if not seen.any():
         raise InvalidTake(f'{path}: none of the markers is ever seen in {len(points)} messages: '
                           'all are absent, NaN or at zero; expected its markers (--label, '

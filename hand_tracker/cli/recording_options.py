@@ -354,8 +354,8 @@ def hand_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[s
     # Without a side it is the file's own.
     files = [(_hand_file(options, one.hand.side), one.hand.side) for one in hands if options.side]
     notes = [mirrored_note(path, side) for path, side in files if path]
-    notes += {unknown_range_note(options.limits, one.hand) for one in hands}
-    return [note for note in notes if note is not None]
+    notes += [unknown_range_note(options.limits, one.hand) for one in hands]
+    return [note for note in dict.fromkeys(notes) if note is not None]
 
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:

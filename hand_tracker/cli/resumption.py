@@ -76,7 +76,7 @@ def _told(value: object) -> str:
         return 'given'
     if isinstance(value, list):
         value = ', '.join(map(str, value))
-    return str(value) if value else 'not given'
+    return 'not given' if value in (None, False, '') else str(value)
 
 
 def _read(path: Path) -> dict[str, object]:

@@ -149,8 +149,8 @@ class TrackingJob:
         is_misfit = 2 * sum(self._misfits.values()) > left_out
         self.say(f'{left_out} of {self.read} frames ({left_out / self.read:.0%}) are left out: '
                  + (f'the hand is there, but {DOES_NOT_FIT}' if is_misfit else
-                    'no hand is found in most of these; are its markers hidden there, or labels '
-                    'others than meant?'))
+                    'no hand is found in most of these; are its markers hidden there, or other '
+                    'labels than meant?'))
 
     def _warn_of_few(self, side: str, has_labels: bool, labels: str) -> None:
         """Say in how few frames a hand was seen, and which option may cure it."""

@@ -153,13 +153,16 @@ class HandTracker:
         InvalidLayout
             If the hand cannot be solved from the layout.
         """
-        former = self.hand
+        former, worn = self.hand, self._marker_places
         self._set_hand(self.hand if hand is None else hand,
                        self.layout if layout is None else layout,
                        self.options if options is None else options)
         # Those of the former hand's capsules.
         self._state.are_placed[:] = False
-        self._state.palm_shape[:], self._state.rows.shift[:] = self._template, 0.
+        if not np.array_equal(self._marker_places, worn):
+            # What was seen of the skin was seen from other places.
+            self._state.palm_shape[:] = self._template
+            self._state.rows.skin_shift[:] = self._state.rows.skin_shift_share[:] = 0.
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):
@@ -204,6 +207,8 @@ class HandTracker:
         self._options, _ = self._packed(kernel_options(options))
         self._chains, _ = self._packed(chains)
         self._measured_chains, _ = self._packed(deepcopy(chains))
+        rows_on_hand = marker_rows(right, layout, options.palm_arch)
+        self._marker_places = rows_on_hand.end + rows_on_hand.offset    # on their links
         self._model, _ = self._packed(Model(
             self._template,
             DigitPrior(self._rest, prior_correlation(
@@ -213,7 +218,7 @@ class HandTracker:
                       options.bound_ring_little)),
             HandBounds(chains.root.copy(), reach(chains), typical_places(right, mounting)),
             hand_capsules(right), joint_table(hand), layout.principal_mounting(hand),
-            marker_rows(right, layout, options.palm_arch),
+            rows_on_hand,
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
         self._blank, _ = self._packed(self._blank_state())
 

@@ -449,10 +449,11 @@ def refuse_unknown_arguments(words: Sequence[str], known: Sequence[str]) -> None
         Naming the argument, and the one that is most like it.
     """
     given = [word.partition(':=')[0] for word in words if ':=' in word]
-    for name in filter(str.isidentifier, given):
-        if name not in known:
+    parameters = {word for row in START for word in (row.name, row.short_name)}
+    for name in given:
+        is_parameter = name in parameters
+        if name not in known and (is_parameter or name.isidentifier()):
             alike = get_close_matches(name, known, 1)
-            is_parameter = name in {word for row in START for word in (row.name, row.short_name)}
             raise InvalidLaunch(
                 f"there is no argument '{name}'"
                 + (', but a parameter of the tracker for a file (parameters:=FILE)' if is_parameter

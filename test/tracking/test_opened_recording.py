@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 import sys
 import time
 from io import StringIO
@@ -746,6 +747,13 @@ def test_the_table_has_the_time_of_the_file(tmp_path, capsys, name):
         path.write_text('\n'.join([*lines[:5], *(
             f'{600 + int(frame)},{rest}' for frame, _, rest in (
                 line.partition(',') for line in lines[5:]))]))
+    elif path.suffix == '.c3d':
+        data = bytearray(path.read_bytes())
+        struct.pack_into('<2H', data, 6, 601, 840)
+        for field, number in (b'ACTUAL_START_FIELD', 601), (b'ACTUAL_END_FIELD', 840):
+            # Behind the name: length, type, and its dimensions.
+            struct.pack_into('<2H', data, data.index(field) + len(field) + 5, number, 0)
+        assert data == path.read_bytes()
     assert main(['track', str(path), '-o', str(out)]) == 0
     np.testing.assert_allclose(angles(out)[:, 0], 5. + np.arange(30, 240) / 120., atol=1e-6)
     assert 'at 5.25 s: tracking' in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """Step 4, inverse kinematics: wrist from the `palm`, abduction and flexion of each `digit`.
 
-A palm of more than three markers is solved with its arch (`palm_arch`). A digit of one marker
-is solved in its `abduction_plane`, its flexion in closed form (`flexion`) or by
-`fabrik`; one of several by Gauss-Newton (`digit_angles`). `angle_filter` estimates angles that the
-markers hardly constrain.
+A palm of more than three markers is solved with its arch (`palm_arch`). A digit of one marker is
+solved in its `abduction_plane`, its flexion in closed form (`flexion`) or by `fabrik`; one of
+several by Gauss-Newton (`digit_angles`). As one of several markers vanishes the others keep their
+`skin_shift`. `angle_filter` estimates angles that the markers hardly constrain.
 """

@@ -32,7 +32,8 @@ from ..numerics.vectors import (
     vector,
 )
 from .digit import THUMB, Chains
-from .palm_arch import fade_shifts, flexed, learn_angle, learn_shift
+from .palm_arch import flexed
+from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
 CHAIN_JOINTS = 5
 MOST_STEPS = 12
@@ -176,8 +177,7 @@ def _marker_on_digit(rows: MarkerRows, state: RowState, row: int, angles: np.nda
     offset, share = vector(rows.offset[row]), rows.share[row]
     if share != 0. and link < CHAIN_JOINTS - 1:
         offset = rotate_about_y(offset, share * angles[link + 1])
-    shift = scale(vector(state.shift[row]), state.shift_share[rows.digit[row]])
-    return add(end, rotate(axes, add(offset, shift))), end
+    return add(end, rotate(axes, add(offset, expected_shift(rows, state, row)))), end
 
 
 @jit
@@ -328,9 +328,9 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     angles with the markers' shifts, by the share of these.
     """
     matrix, gradient = workspace.matrix, workspace.gradient
-    share, off_shift = state.shift_share[digit], workspace.off_shift
+    share, off_shift = state.skin_shift_share[digit], workspace.off_shift
     for j in range(CHAIN_JOINTS):
-        off_shift[j] = angles[j] - share * state.shift_angles[5 * digit + j]
+        off_shift[j] = angles[j] - share * state.skin_shift_angles[5 * digit + j]
     spreads = THUMB_SPREADS if digit == THUMB else FINGER_SPREADS
     cost = 0.
     for j in range(CHAIN_JOINTS):
@@ -414,7 +414,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
     chains : Chains
     rows : MarkerRows
     state : RowState
-        Its `local` are the markers; its `angles` are replaced.
+        Its `local` are the markers; its `angles` are replaced, its skin shifts fade.
     wrist : Wrist
     angles : ndarray, shape (25,)
         Of the last frame, by the principal markers [rad].
@@ -427,8 +427,10 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     for digit in range(5):
-        fade_shifts(rows, state, digit, step)
-        if seen[3 + digit] or not rows.has_several[digit]:
+        if not rows.has_several[digit]:
+            continue
+        fade_skin_shifts(rows, state, digit, step)
+        if seen[3 + digit]:
             continue
         workspace = local_digit_workspace()
         if _solve_digit_angles(chains, rows, state, digit, angles, step, workspace)[0]:
@@ -481,7 +483,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
     chains : Chains
     rows : MarkerRows
     state : RowState
-        Its `angles` and `deviation` are replaced.
+        Its `angles` and `deviation` are replaced, its skin shifts are updated.
     seen : ndarray of bool, shape (8,)
     angles : ndarray, shape (25,)
         Replaced for digits that are solved by several markers [rad].
@@ -499,7 +501,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)
-            if state.shift_share[digit] == 0.:
+            if state.skin_shift_share[digit] == 0.:
                 _learn_shifts(rows, state, digit, step, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
@@ -515,11 +517,11 @@ def _learn_shifts(rows: MarkerRows, state: RowState, digit: int, step: float,
     for row in range(rows.used[0]):
         if rows.digit[row] == digit and state.is_measured[row]:
             place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
-            learn_shift(state, row, components(
+            learn_skin_shift(state, row, components(
                 _axes_of_link(workspace, rows.link[row]),
                 subtract(vector(state.local[row]), place)), step)
     for j in range(0 if digit == THUMB else 1, CHAIN_JOINTS):
-        learn_angle(state, 5 * digit + j, workspace.angles[j], step)
+        learn_shift_angle(state, 5 * digit + j, workspace.angles[j], step)
 
 
 @jit

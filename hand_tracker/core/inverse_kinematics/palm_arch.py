@@ -17,23 +17,24 @@ from ..numerics.cholesky import fix_unknown, solve_damped
 from ..numerics.jit import jit
 from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import (
+    Frame,
     Vector,
     add,
     clamp,
     components,
+    distance,
     dot,
     frame,
-    length,
     rotate,
     rotate_about,
     rotate_about_y,
-    scale,
     store,
     store_pose,
     subtract,
     triangle_normal,
     vector,
 )
+from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
 POSE_UNKNOWNS, UNKNOWNS = 6, 10       # turn and shift of the wrist; then the four CMC flexions
 MOST_PALM_STEPS, LEAST_PALM_STEPS = 10, 3
@@ -49,10 +50,7 @@ LOST_PALM = .03                       # [m] of the markers from the last pose: b
 CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
-PALM = ON_WRIST                       # as a digit
 LEAST_FREE = 4                        # markers of the palm that determine an arch
-SHIFT_TIME = .1                       # [s] that the markers' shifts are averaged over
-SHIFT_FADE_TIME = 2.                  # [s] in which they fade once a marker has come or gone
 
 
 @jit
@@ -77,10 +75,9 @@ def synergy(gains: np.ndarray, angles: np.ndarray, lower: np.ndarray, upper: np.
 
 
 @jit
-def on_palm(rows: MarkerRows, row: int, flexion: float) -> Vector:
-    """Return a palm marker's place with its metacarpal flexed [rad], in the wrist's frame [m]."""
-    flat = add(vector(rows.end[row]), vector(rows.offset[row]))
-    return flexed(flat, vector(rows.cmc[rows.link[row]]), flexion)
+def _flat_place(rows: MarkerRows, row: int) -> Vector:
+    """Return a palm marker's place with the palm flat, in the wrist's frame [m]."""
+    return add(vector(rows.end[row]), vector(rows.offset[row]))
 
 
 @jit
@@ -115,15 +112,14 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
                        seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    Hidden principal markers count as seen, up to the number of the palm's measured markers. When
-    one comes or goes, all are expected as far off their places on the hand as they last were, which
-    fades: skin slides by millimetres, and the palm would jump.
+    Hidden principal markers count as seen, up to the number of the palm's measured markers. As one
+    vanishes, the others keep their `skin_shift`.
 
     Parameters
     ----------
     rows : MarkerRows
     state : RowState
-        Its `arch` is replaced.
+        Its `arch` is replaced, its skin shifts are updated.
     lower, upper : ndarray, shape (25,)
         Joint limits [rad].
     angles : ndarray, shape (25,)
@@ -146,17 +142,13 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         synergy(rows.synergy, angles, lower, upper, state.arch)
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
-    fade_shifts(rows, state, PALM, step)
+    fade_skin_shifts(rows, state, ON_WRIST, step)
     count = _solve_palm(
         rows, state, lower, upper, several and rows.is_cupping[0] > 0, fitted)
     if count == 0:
         return
-    if state.shift_share[PALM] == 0.:
-        for row in range(rows.used[0]):
-            if _is_shown(rows, state, row):
-                learn_shift(state, row, _miss(rows, state, row, fitted), step)
-        for finger in range(4):
-            learn_angle(state, 5 * finger, state.arch[finger], step)
+    if state.skin_shift_share[ON_WRIST] == 0.:
+        _learn_palm_shifts(rows, state, fitted, step)
     shown = 0
     for i in range(3):
         shown += seen[i]
@@ -165,53 +157,39 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         if not seen[i] and shown < count:
             seen[i] = True
             shown += 1
-        store(markers, i, add(origin, rotate(axes, add(
-            vector(rows.end[i]), vector(rows.offset[i])))))
+        store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
 
 
 @jit
-def fade_shifts(rows: MarkerRows, state: RowState, digit: int, step: float) -> None:
-    """Take shifts wholly into account once a marker of a digit, or the palm, has come or gone.
-
-    Then less and less, over `SHIFT_FADE_TIME`.
-    """
-    was_seen, has_changed = False, False
-    for row in range(rows.used[0]):
-        if rows.digit[row] == digit:
-            was_seen = was_seen or state.was_measured[row]
-            has_changed = has_changed or state.is_measured[row] != state.was_measured[row]
-    state.shift_share[digit] = 1. if was_seen and has_changed else max(
-        state.shift_share[digit] - step / SHIFT_FADE_TIME, 0.)
-
-
-@jit
-def learn_shift(state: RowState, row: int, miss: Vector, step: float) -> None:
-    """Average the shift of a marker that is off its place by `miss`, in its link's frame [m]."""
-    gain = min(step / SHIFT_TIME, 1.)
-    for k in range(3):
-        state.shift[row, k] += gain * (miss[k] - state.shift[row, k])
-
-
-@jit
-def learn_angle(state: RowState, joint: int, angle: float, step: float) -> None:
-    """Average the angle [rad] of a joint with the shifts."""
-    state.shift_angles[joint] += min(step / SHIFT_TIME, 1.) * (angle - state.shift_angles[joint])
+def _flexion(rows: MarkerRows, state: RowState, row: int) -> float:
+    """Return the flexion of the metacarpal that a palm marker is on, 0 on the wrist [rad]."""
+    return state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
 
 
 @jit
 def _expected_place(rows: MarkerRows, state: RowState, row: int) -> Vector:
     """Return where a palm marker is expected, in the wrist's frame [m]."""
-    flexion = state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
-    shift = scale(vector(state.shift[row]), state.shift_share[PALM])
-    return add(on_palm(rows, row, flexion), shift)
+    flat = add(_flat_place(rows, row), expected_shift(rows, state, row))
+    return flexed(flat, vector(rows.cmc[rows.link[row]]), _flexion(rows, state, row))
 
 
 @jit
-def _miss(rows: MarkerRows, state: RowState, row: int, wrist: Wrist) -> Vector:
-    """Return how far a palm marker is off its expected place, in the wrist's frame [m]."""
-    local = components(frame(wrist.rotation),
-                       subtract(vector(state.points[row]), vector(wrist.position)))
-    return subtract(local, _expected_place(rows, state, row))
+def _in_wrist(state: RowState, row: int, axes: Frame, origin: Vector) -> Vector:
+    """Return a measured marker in the frame of a wrist [m]."""
+    return components(axes, subtract(vector(state.points[row]), origin))
+
+
+@jit
+def _learn_palm_shifts(rows: MarkerRows, state: RowState, wrist: Wrist, step: float) -> None:
+    """Average the shifts of the palm's measured markers, and its arch, at a pose of the wrist."""
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    for row in range(rows.used[0]):
+        if _is_shown(rows, state, row):
+            miss = subtract(_in_wrist(state, row, axes, origin), _expected_place(rows, state, row))
+            learn_skin_shift(
+                state, row, rotate_about_y(miss, -_flexion(rows, state, row)), step)
+    for finger in range(4):
+        learn_shift_angle(state, 5 * finger, state.arch[finger], step)
 
 
 @jit
@@ -275,10 +253,12 @@ def _solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.
 @jit
 def _mean_miss(rows: MarkerRows, state: RowState, wrist: Wrist) -> float:
     """Return the mean distance of the palm's markers from their places on the last pose [m]."""
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
     total, count = 0., 0
     for row in range(rows.used[0]):
         if _is_shown(rows, state, row):
-            total += length(_miss(rows, state, row, wrist))
+            total += distance(_in_wrist(state, row, axes, origin),
+                              _expected_place(rows, state, row))
             count += 1
     return total / count
 
@@ -294,7 +274,7 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
                         and _is_shown(rows, state, k)):
                     continue
                 normal = triangle_normal(
-                    on_palm(rows, i, 0.), on_palm(rows, j, 0.), on_palm(rows, k, 0.))
+                    _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k))
                 size = dot(normal, normal)
                 if size > largest:
                     largest, a, b, c = size, i, j, k
@@ -303,9 +283,9 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     if dot(normal, normal) <= 0.:
         return
     template = local_floats((3, 3))
-    store(template, 0, on_palm(rows, a, 0.))
-    store(template, 1, on_palm(rows, b, 0.))
-    store(template, 2, on_palm(rows, c, 0.))
+    store(template, 0, _flat_place(rows, a))
+    store(template, 1, _flat_place(rows, b))
+    store(template, 2, _flat_place(rows, c))
     axes, origin = rigid_palm(corners, template)
     store_pose(wrist.rotation, wrist.position, axes, origin)
 
@@ -324,13 +304,14 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
     gradient[:] = 0.
     for k in range(POSE_UNKNOWNS):
         matrix[k, k] = PALM_STEP_SPREADS[k // 3] ** -2
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
     by = local_floats((3, UNKNOWNS))
     for row in range(rows.used[0]):
         if not _is_shown(rows, state, row):
             continue
         finger = rows.link[row]
         x, y, z = _expected_place(rows, state, row)
-        ex, ey, ez = _miss(rows, state, row, wrist)
+        ex, ey, ez = subtract(_in_wrist(state, row, axes, origin), (x, y, z))
         loss = 1. + (ex * ex + ey * ey + ez * ez) / (outlier * outlier)
         weight = 1. / (rows.variance[row] * loss * loss)
         by[:] = 0.
@@ -356,18 +337,18 @@ def _arch_prior(state: RowState, lower: np.ndarray, upper: np.ndarray, matrix: n
                 gradient: np.ndarray) -> None:
     """Add the prior of the CMC flexions to the normal equations; fix those at an active limit.
 
-    What the markers' shifts take away from its pull is that at the angles with them.
+    By the share of the skin shifts it is taken about what it was off at the angles with them.
     """
     first, ring, little = POSE_UNKNOWNS, POSE_UNKNOWNS + 2, POSE_UNKNOWNS + 3
-    arch, share = state.arch, state.shift_share[PALM]
+    arch, share = state.arch, state.skin_shift_share[ON_WRIST]
     for finger in (0, 1, 3):
         weight = CMC_SPREADS[finger] ** -2
         matrix[first + finger, first + finger] += weight
         gradient[first + finger] -= weight * (
-            arch[finger] - share * state.shift_angles[5 * finger])
+            arch[finger] - share * state.skin_shift_angles[5 * finger])
     weight = CMC_SPREADS[2] ** -2
-    off = (arch[2] - share * state.shift_angles[10]
-           - RING_SHARE * (arch[3] - share * state.shift_angles[15]))
+    off = (arch[2] - share * state.skin_shift_angles[10]
+           - RING_SHARE * (arch[3] - share * state.skin_shift_angles[15]))
     matrix[ring, ring] += weight
     matrix[little, ring] -= weight * RING_SHARE
     matrix[little, little] += weight * RING_SHARE * RING_SHARE

@@ -176,12 +176,12 @@ class RowState(NamedTuple):
         Digits that all their markers have solved in this frame, so that the principal one need not.
     is_followed : ndarray of bool, shape (5,)
         The others whose principal marker is seen.
-    shift : ndarray, shape (65, 3)
-        How far each marker is off its place on its link, of the palm's on the wrist, in the link's
-        frame, as last seen together with the others of its digit or of the palm [m].
-    shift_angles : ndarray, shape (25,)
+    skin_shift : ndarray, shape (65, 3)
+        How far each marker is off its place, in the frame of its link, as last seen together with
+        the others of its digit or of the palm [m].
+    skin_shift_angles : ndarray, shape (25,)
         Angles with these shifts [rad].
-    shift_share : ndarray, shape (6,)
+    skin_shift_share : ndarray, shape (6,)
         Share of these that the fit of each digit takes into account, the last of the palm [1].
     """
 
@@ -197,9 +197,9 @@ class RowState(NamedTuple):
     targets: np.ndarray
     is_solved: np.ndarray
     is_followed: np.ndarray
-    shift: np.ndarray
-    shift_angles: np.ndarray
-    shift_share: np.ndarray
+    skin_shift: np.ndarray
+    skin_shift_angles: np.ndarray
+    skin_shift_share: np.ndarray
 
 
 def initial_rows(relaxed: np.ndarray) -> RowState:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..filtering.tracks import Tracks, position_deviation
 from ..inverse_kinematics.digit import THUMB, Chains
+from ..inverse_kinematics.skin_shift import expected_shift
 from ..model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
@@ -280,8 +281,7 @@ def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.nda
     for row in range(rows.used[0]):
         measured = state.is_measured[row] > 0
         # A hidden marker is as far off its place on the hand as it was last.
-        shift = scale(vector(state.shift[row]),
-                      0. if measured else state.shift_share[rows.digit[row]])
+        shift = (0., 0., 0.) if measured else expected_shift(rows, state, row)
         place = _place_of_row(rows, row, shift, mirror, report)
         x, y, z = state.points[row]
         if measured:
@@ -320,7 +320,7 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
                   report: Report) -> Vector:
     """Return a marker's place on the reported pose, its offset turned with the skin [m].
 
-    It is shifted from there, in the frame of its link on a right hand [m].
+    `shift` is how far it is off there, in the frame of its link on a right hand [m].
     """
     digit, link = rows.digit[row], rows.link[row]
     end, offset = vector(rows.end[row]), vector(rows.offset[row])
