@@ -22,7 +22,7 @@ from .rows import Row, error_statistics, mean_of
 from .tables import Picture, Table, mean_and_p95, words
 from .unseen_markers import Judgement, judgements
 
-WORN, LEFT_OUT, HIDDEN = 'worn', 'left_out', 'hidden'
+WORN, LEFT_OUT, HALF_HIDDEN = 'worn', 'left_out', 'hidden'
 HIDDEN_PERIOD = 1.  # [s] in the second half of which a marker is hidden
 
 
@@ -45,7 +45,8 @@ def _rows_of(take: MarkerTake, hand: Hand, layout: MarkerLayout) -> list[Row]:
     """Return the rows of one take."""
     worn = take.columns(layout.names)
     errors = {WORN: _track_layout(hand, layout, worn, take)[1].T}
-    for kind, unseen in ((LEFT_OUT, np.ones(len(worn), dtype=bool)), (HIDDEN, _half_of_time(take))):
+    always = np.ones(len(worn), dtype=bool)
+    for kind, unseen in ((LEFT_OUT, always), (HALF_HIDDEN, _half_of_time(take))):
         errors[kind] = np.array([_error_while(hand, layout, worn, take, marker, unseen)
                                  for marker in range(len(layout.names))])
     return [{'evaluation': 'layouts', 'recording': take.name, 'markers': len(layout.names),
@@ -107,7 +108,7 @@ def tables(rows: list[Row]) -> list[Table]:
     """Return the errors of the markers left out, hidden and worn, by recording and by marker."""
     def cells(chosen: list[Row]) -> tuple[str, ...]:
         return tuple(mean_and_p95(mean_of([row for row in chosen if row['kind'] == kind]))
-                     for kind in (LEFT_OUT, HIDDEN, WORN))
+                     for kind in (LEFT_OUT, HALF_HIDDEN, WORN))
 
     caption = 'Distance of a marker from its place on the hand, mm, mean (p95)'
     head = ('left out', f'hidden {.5 * HIDDEN_PERIOD:g} s', 'worn')

@@ -180,8 +180,8 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
             stamps.shape != (len(points),) or stamps.dtype.kind not in 'fiu'
             or not np.isfinite(stamps).all() or (np.diff(stamps) < 0.).any()):
         raise RecordingError(f'{path}: {TIMES_FIELD} of shape {stamps.shape}, {stamps.dtype}; '
-                             f'expected {len(points)} numbers, the times of the frames, none '
-                             'before that of the frame before')
+                             f'expected {len(points)} increasing numbers, the times of the '
+                             'frames')
     labels, repeated = unique_labels(named[pair])
     is_landmarks = pair[0] != 'markers'
     # No camera loses a landmark in every frame: such are relative to it.

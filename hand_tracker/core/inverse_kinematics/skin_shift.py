@@ -10,9 +10,9 @@ from ..model.marker_rows import MarkerRows, RowState
 from ..numerics.jit import jit
 from ..numerics.vectors import Vector, length, scale, vector
 
-SHIFT_TIME = .1         # [s] that shifts are averaged over
-SHIFT_FADE_TIME = 2.    # [s] in which they fade once a marker has vanished
-MOST_SKIN_SHIFT = .01   # [m] a marker that is farther off is another, and has none
+SKIN_SHIFT_TIME = .1        # [s] that shifts are averaged over
+SKIN_SHIFT_FADE_TIME = 2.    # [s] in which they fade once a marker has vanished
+MOST_SKIN_SHIFT = .01       # [m] a marker that is farther off is another, and has none
 
 
 @jit
@@ -29,7 +29,7 @@ def fade_skin_shifts(rows: MarkerRows, state: RowState, digit: int, step: float)
     step : float
         Since the last frame [s].
     """
-    share = max(state.skin_shift_share[digit] - step / SHIFT_FADE_TIME, 0.)
+    share = max(state.skin_shift_share[digit] - step / SKIN_SHIFT_FADE_TIME, 0.)
     for row in range(rows.used[0]):
         if rows.digit[row] == digit and state.was_measured[row] and not state.is_measured[row]:
             share = 1.
@@ -45,7 +45,7 @@ def expected_shift(rows: MarkerRows, state: RowState, row: int) -> Vector:
 @jit
 def learn_skin_shift(state: RowState, row: int, miss: Vector, step: float) -> None:
     """Average the shift of a marker that is off its place by `miss`, in its link's frame [m]."""
-    gain = min(step / SHIFT_TIME, 1.)
+    gain = min(step / SKIN_SHIFT_TIME, 1.)
     kept = 1. if length(miss) < MOST_SKIN_SHIFT else 0.
     for k in range(3):
         state.skin_shift[row, k] += gain * (kept * miss[k] - state.skin_shift[row, k])
@@ -54,5 +54,5 @@ def learn_skin_shift(state: RowState, row: int, miss: Vector, step: float) -> No
 @jit
 def learn_shift_angle(state: RowState, joint: int, angle: float, step: float) -> None:
     """Average the angle [rad] of a joint with the shifts of its digit."""
-    state.skin_shift_angles[joint] += min(step / SHIFT_TIME, 1.) * (
+    state.skin_shift_angles[joint] += min(step / SKIN_SHIFT_TIME, 1.) * (
         angle - state.skin_shift_angles[joint])
