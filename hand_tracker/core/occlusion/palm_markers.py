@@ -67,7 +67,14 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
     if count < 3 and not wrist.placed[0]:
         return WAITING
     if tracks.seen[0] and tracks.seen[1] and tracks.seen[2]:
-        _learn_shape(tracks, wrist, min(step / PALM_SHAPE_TIME, 1.), shape)
+        # The wrist is fitted to the mean shape as to the template, as its fits are linear in the
+        # markers' places: completed by that shape, a hidden marker does not creep.
+        axes, origin = frame(wrist.rotation), vector(wrist.position)
+        gain = min(step / PALM_SHAPE_TIME, 1.)
+        for i in range(3):
+            place = components(axes, subtract(vector(tracks.mean[i]), origin))
+            for k in range(3):
+                shape[i, k] += gain * (place[k] - shape[i, k])
     before = palm_places(shape, wrist)
     for i in range(3):
         if seen[i]:
@@ -90,20 +97,6 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
     for i in range(3):
         tracks.seen[i] = seen[i]
     return TRACKED if count == 3 else CARRIED if count > 0 else LOST
-
-
-@jit
-def _learn_shape(tracks: Tracks, wrist: Wrist, gain: float, shape: np.ndarray) -> None:
-    """Average the palm's shape over the last frame, in which all three markers were seen.
-
-    The wrist is fitted to the shape as to the template, as both of its fits are linear in the
-    markers' places: completed by it, a hidden marker does not creep.
-    """
-    axes, origin = frame(wrist.rotation), vector(wrist.position)
-    for i in range(3):
-        place = components(axes, subtract(vector(tracks.mean[i]), origin))
-        for k in range(3):
-            shape[i, k] += gain * (place[k] - shape[i, k])
 
 
 @jit
