@@ -222,12 +222,8 @@ def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
     HandTrackerError
         Naming the option and the recording.
     """
-    given = vars(options)    # not every command has all
-    for name in POINT_OPTIONS:
-        if given.get(name) is not None:
-            raise HandTrackerError(
-                f"{path}: --{name.replace('_', '-')}: {given[name]}; expected for files of points "
-                'only: MarkerArrays are taken as they are, z up, right-handed, by their stamps')
+    _refuse(options, path, POINT_OPTIONS, 'files of points only: MarkerArrays are taken as they '
+            'are, z up, right-handed, by their stamps')
 
 
 def refuse_labels_of_points(options: argparse.Namespace, path: Path) -> None:
@@ -238,10 +234,18 @@ def refuse_labels_of_points(options: argparse.Namespace, path: Path) -> None:
     HandTrackerError
         Naming the option and the recording.
     """
-    given = vars(options)    # not every command has all
-    if given.get('label'):
-        raise HandTrackerError(f'{path}: --label: {given["label"][0]}; expected for MarkerArrays '
-                               'only: points of a file are named by --markers MARKER=LABEL,...')
+    _refuse(options, path, ('label',), 'MarkerArrays only: points of a file are named by '
+            '--markers MARKER=LABEL,...')
+
+
+def _refuse(options: argparse.Namespace, path: Path, names: Iterable[str], expected: str) -> None:
+    """Raise HandTrackerError with the first of some options that is given, and what it is for."""
+    for name in names:
+        value = getattr(options, name, None)    # not every command has all
+        if value is not None and value != []:
+            first = value[0] if isinstance(value, list) else value
+            raise HandTrackerError(
+                f"{path}: --{name.replace('_', '-')}: {first}; expected for {expected}")
 
 
 def metres_per_unit(options: argparse.Namespace) -> float:

@@ -81,12 +81,17 @@ def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
 
     if choices:
         node.add_on_set_parameters_callback(check_choices)
-    given = getattr(node, '_parameter_overrides', {})
+    given = _given_at_start(node)
     for row in table:
         if row.short_name in given:
             given.setdefault(row.name, given.pop(row.short_name))
     return {row.name: node.declare_parameter(row.name, row.default, _descriptor(row)).value
             for row in table}
+
+
+def _given_at_start(node: Node) -> dict[str, Any]:
+    """Return rclpy's parameters given at the start by name, which it lists nowhere else."""
+    return getattr(node, '_parameter_overrides', {})
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
@@ -325,7 +330,7 @@ def refuse_unknown(node: Node, sections: Sequence[str]) -> None:
         Of one in such a section, or in one whose name is misspelled.
     """
     known = node.get_parameters_by_prefix('')
-    for name in getattr(node, '_parameter_overrides', ()):
+    for name in _given_at_start(node):
         section, has_section, _ = name.partition('.')
         if name not in known and has_section and get_close_matches(
                 section, sections, 1, SECTION_LIKENESS):
@@ -336,8 +341,7 @@ def refuse_unknown(node: Node, sections: Sequence[str]) -> None:
 def _warn_of_unknown(nodes: Sequence[Node]) -> None:
     """Log the parameters given at the start that no node has: rclpy drops them."""
     known = {name for node in nodes for name in node.get_parameters_by_prefix('')}
-    # rclpy lists them nowhere else.
-    given = {name: node for node in nodes for name in getattr(node, '_parameter_overrides', ())}
+    given = {name: node for node in nodes for name in _given_at_start(node)}
     for node in nodes:
         unknown = [name for name, of_node in given.items()
                    if of_node is node and name not in known]

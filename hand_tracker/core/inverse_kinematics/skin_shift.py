@@ -11,7 +11,7 @@ from ..numerics.jit import jit
 from ..numerics.vectors import Vector, length, scale, vector
 
 SKIN_SHIFT_TIME = .1        # [s] that shifts are averaged over
-SKIN_SHIFT_FADE_TIME = 2.    # [s] in which they fade once a marker has vanished
+SKIN_SHIFT_FADE_TIME = 2.   # [s] in which they fade once a marker has vanished
 MOST_SKIN_SHIFT = .02       # [m] a marker that is farther off is another, and has none
 
 
