@@ -265,6 +265,7 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
     model, chains, state = model[0], chains[0], state[0]
     if is_lost:
         state.rows.is_measured[:] = False
+        state.rows.is_fitted[:] = False
         return
     lay_digits_flat(model.rows, state.rows, state.wrist)
     infer_principal_markers(chains, model.rows, state.rows, state.wrist, state.angles, markers,
@@ -305,8 +306,8 @@ def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: P
                               seen: np.ndarray, step: float) -> None:
     """Solve digits with several markers by Gauss-Newton from the last frame's angles.
 
-    Digits whose evidence changed, or whose solution fits badly, wait for the closed form by their
-    principal marker.
+    Seen digits whose evidence changed, or whose solution fits badly, wait for the closed form by
+    their principal marker.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: P
         rows.is_solved[digit] = False
     if model.rows.has_several[:5].any() and state.wrist.placed[0]:
         solve_followed_digits(
-            chains, model.rows, rows, seen, state.changed, state.angles, step)
+            chains, model.rows, rows, seen, state.digits.mean, state.changed, state.angles, step)
     for digit in range(5):
         rows.is_followed[digit] = seen[3 + digit] and not rows.is_solved[digit]
 

@@ -208,6 +208,45 @@ def test_a_digit_whose_skin_slides_hardly_moves_when_a_marker_vanishes(side, hid
     assert turned(gone[-1], never) < .1 * turned(never, before)
 
 
+@pytest.mark.parametrize('digit, left', [
+    ('index', None), ('index', 'index_dip'), ('middle', None), ('middle', 'middle_dip'),
+    ('thumb', None), ('thumb', 'thumb_tip')])
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_a_digit_keeps_its_bend_as_all_its_markers_or_all_but_the_principal_vanish(
+        side, digit, left):
+    hand, layout = HAND.replace(side=side), preset_layout('kyutech23')
+    markers = markers_of(layout, motion(1, start=1., hand=hand), hand)[0]
+    markers += np.where(
+        [[place in PALM_LANDMARKS] for place in layout.places], 0.,
+        np.random.default_rng(3).normal(scale=.002, size=markers.shape))
+    without = markers.copy()
+    without[[row for row, place in enumerate(layout.places) if place not in (*PALM_LANDMARKS, left)
+             and place.startswith(digit)]] = np.nan
+    tracker = HandTracker(hand, layout)
+    before = tracked(tracker, 120 * [markers])[-1]
+    gone = [tracker.update(without, (120 + i) / RATE) for i in range(24)]
+    turned = np.degrees(np.abs([state.angles - before.angles for state in gone])).max(axis=1)
+    assert turned[0] < .5 and turned[12] < 1.5 and turned[-1] < 3.
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_the_digits_hold_a_palm_of_which_the_knuckles_alone_are_seen(side):
+    """Skin over the knuckles is nearly on a line, about which a palm that slid would turn."""
+    hand, layout = HAND.replace(side=side), preset_layout('kyutech23')
+    knuckles = [layout.places.index(f'{finger}_mcp') for finger in FINGERS]
+    wrist = [row for row, place in enumerate(layout.places) if place == 'wrist']
+    markers = markers_of(layout, motion(1, hand=hand), hand)[0]
+    markers[knuckles] += np.random.default_rng(4).normal(scale=.002, size=(4, 3))
+    without = markers.copy()
+    without[wrist] = np.nan
+    tracker = HandTracker(hand, layout)
+    before = tracked(tracker, 120 * [markers])[-1]
+    for i in range(60):
+        state = tracker.update(without, (120 + i) / RATE)
+    assert np.linalg.norm(state.wrist_position - before.wrist_position) < 2e-3
+    assert np.degrees(np.abs(state.angles - before.angles).max()) < 3.
+
+
 def test_an_outlier_among_many_markers_moves_the_hand_little():
     layout, moved = preset_layout('kyutech23'), motion(30)
     frames = markers_of(layout, moved)

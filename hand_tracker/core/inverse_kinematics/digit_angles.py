@@ -1,8 +1,9 @@
 """Angles of a digit with several markers: damped Gauss-Newton on all its joints.
 
-Each marker is weighted by its deviation, and less the farther it is from the digit. What the
-markers leave open is decided by the coupling of the last joint, by the flexion natural for the
-person, and, while the principal marker is hidden, by the last frame. Ours.
+Each marker is weighted by its deviation, and less the farther it is from the digit. A digit of
+which no marker is seen is solved by its predicted principal marker. What the markers leave open is
+decided by the coupling of the last joint, by the flexion natural for the person, and, while the
+principal marker is hidden, by the last frame. Ours.
 """
 
 import math
@@ -191,14 +192,15 @@ def _axes_of_link(workspace: DigitWorkspace, link: int) -> Frame:
 def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
                         solved: np.ndarray, step: float,
                         workspace: DigitWorkspace) -> tuple[int, float]:
-    """Solve a digit's angles by all its measured markers, in `state.angles`.
+    """Solve a digit's angles by its fitted markers, in `state.angles`.
 
     Parameters
     ----------
     chains : Chains
     rows : MarkerRows
     state : RowState
-        Its `local` are the markers; its `angles` are the last frame's and replaced.
+        Its `local` are the markers that `is_fitted` names; its `angles` are the last frame's and
+        replaced.
     digit : int
     solved : ndarray, shape (25,)
         Angles by the principal marker, where the solution begins if they fit better [rad].
@@ -209,16 +211,16 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
 
     Returns
     -------
-    seen : int
-        Measured markers of the digit; angles are replaced if there is one.
+    fitted : int
+        Fitted markers of the digit; angles are replaced if there is one.
     cost : float
         Of the solution, as a mean over these markers, in squared deviations [1].
     """
-    seen = 0
+    fitted = 0
     for row in range(rows.used[0]):
-        if rows.digit[row] == digit and state.is_measured[row]:
-            seen += 1
-    if seen == 0:
+        if rows.digit[row] == digit and state.is_fitted[row]:
+            fitted += 1
+    if fitted == 0:
         return 0, 0.
     # The thumb's joints are all free; the palm's arch is solved already.
     first = 0 if digit == THUMB else 1
@@ -230,7 +232,7 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
         workspace.last[j] = angles[j]
         tried[j] = solved[5 * digit + j]
     cost = _equations(chains, rows, state, digit, angles, walk, workspace)
-    if cost > seen * FAR_OFF:
+    if cost > fitted * FAR_OFF:
         # The last frame says little: begin where the principal marker's solution fits better.
         if _equations(chains, rows, state, digit, tried, walk, workspace) < cost:
             for j in range(CHAIN_JOINTS):
@@ -268,7 +270,7 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
             _equations(chains, rows, state, digit, angles, walk, workspace)
     for j in range(first, CHAIN_JOINTS):
         state.angles[5 * digit + j] = angles[j]
-    return seen, cost / seen
+    return fitted, cost / fitted
 
 
 @jit
@@ -290,11 +292,12 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
     matrix, gradient, by = workspace.matrix, workspace.gradient, workspace.jacobian
     matrix[:] = 0.
     gradient[:] = 0.
-    cost = 0.
+    cost, fitted = 0., 0
     place_digit(chains, rows.bone_ends, digit, angles, workspace)
     for row in range(rows.used[0]):
-        if rows.digit[row] != digit or not state.is_measured[row]:
+        if rows.digit[row] != digit or not state.is_fitted[row]:
             continue
+        fitted += 1
         place, end = _marker_on_digit(rows, state, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
@@ -316,12 +319,13 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
             for j in range(i + 1):
                 matrix[i, j] += weight * (
                     by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
-    return cost + _priors(chains, state, digit, angles, walk, workspace)
+    natural_weight = NATURAL_WEIGHT if fitted > 1 else 1.
+    return cost + _priors(chains, state, digit, angles, walk, natural_weight, workspace)
 
 
 @jit
 def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, walk: float,
-            workspace: DigitWorkspace) -> float:
+            natural_weight: float, workspace: DigitWorkspace) -> float:
     """Add the usual angles, the natural flexion, the coupling and the last frame; return costs.
 
     Natural flexion, coupling and the thumb's usual angles are taken about what they were off at the
@@ -351,7 +355,7 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     natural = chains.natural[digit]
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, second, first, natural[0], (1. - share) * natural[1],
-        natural[2] / math.sqrt(NATURAL_WEIGHT))
+        natural[2] / math.sqrt(natural_weight))
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, 4, 3, chains.coupling[digit, 0],
         (1. - share) * chains.coupling[digit, 1], chains.coupling_spread[digit])
@@ -384,23 +388,30 @@ def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: i
 
 @jit
 def lay_digits_flat(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
-    """Write the digits' measured markers in the wrist's frame, the palm laid flat.
+    """Write the digits' measured markers in the wrist's frame, the palm laid flat, to be fitted.
 
     Parameters
     ----------
     rows : MarkerRows
     state : RowState
-        Its `local` is replaced.
+        Its `local` and `is_fitted` are replaced.
     wrist : Wrist
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     for row in range(rows.used[0]):
-        digit = rows.digit[row]
-        if digit >= 0 and state.is_measured[row]:
-            local = components(axes, subtract(vector(state.points[row]), origin))
-            if digit < 4:
-                local = flexed(local, vector(rows.cmc[digit]), -state.arch[digit])
-            store(state.local, row, local)
+        state.is_fitted[row] = state.is_measured[row]
+        if rows.digit[row] >= 0 and state.is_measured[row]:
+            _lay_flat(rows, state, row, components(
+                axes, subtract(vector(state.points[row]), origin)))
+
+
+@jit
+def _lay_flat(rows: MarkerRows, state: RowState, row: int, local: Vector) -> None:
+    """Write a digit's marker, in the wrist's frame [m], to `state.local`, the palm laid flat."""
+    digit = rows.digit[row]
+    if digit < 4:
+        local = flexed(local, vector(rows.cmc[digit]), -state.arch[digit])
+    store(state.local, row, local)
 
 
 @jit
@@ -443,8 +454,11 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
 
 @jit
 def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.ndarray,
-                          changed: np.ndarray, angles: np.ndarray, step: float) -> None:
+                          places: np.ndarray, changed: np.ndarray, angles: np.ndarray,
+                          step: float) -> None:
     """Solve digits with several markers and unchanged evidence, starting from the last angles.
+
+    So are digits of which no marker is seen, by their predicted principal one.
 
     Parameters
     ----------
@@ -453,6 +467,8 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
     state : RowState
         Its `angles` and `is_solved` are replaced for these digits.
     seen : ndarray of bool, shape (8,)
+    places : ndarray, shape (5, 3)
+        Of the digits' principal markers, filtered or predicted, in the wrist's frame [m].
     changed : ndarray of bool, shape (5,)
         Digits whose evidence changed.
     angles : ndarray, shape (25,)
@@ -462,12 +478,15 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
     """
     workspace = local_digit_workspace()
     for digit in range(5):
-        if not rows.has_several[digit] or not seen[3 + digit] or (
-                changed[digit] or not state.is_measured[3 + digit]):
+        principal = 3 + digit
+        if not rows.has_several[digit] or seen[principal] and (
+                changed[digit] or not state.is_measured[principal]):
             continue
-        count, cost = _solve_digit_angles(
-            chains, rows, state, digit, state.angles, step, workspace)
-        state.is_solved[digit] = count > 1 and cost < FAR_OFF
+        if not seen[principal]:
+            _lay_flat(rows, state, principal, vector(places[digit]))
+            state.is_fitted[principal] = True
+        _, cost = _solve_digit_angles(chains, rows, state, digit, state.angles, step, workspace)
+        state.is_solved[digit] = cost < FAR_OFF
         if state.is_solved[digit]:
             for joint in range(5 * digit, 5 * digit + 5):
                 angles[joint] = state.angles[joint]
@@ -495,9 +514,11 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         is_solved = False
         if rows.has_several[digit] and seen[3 + digit]:
             # One whose principal marker is hidden was solved before.
-            is_solved = (
-                state.is_solved[digit] or not state.is_measured[3 + digit]
-                or _solve_digit_angles(chains, rows, state, digit, angles, step, workspace)[0] > 1)
+            is_solved = state.is_solved[digit] or not state.is_measured[3 + digit]
+            if not is_solved:
+                fitted, cost = _solve_digit_angles(
+                    chains, rows, state, digit, angles, step, workspace)
+                is_solved = fitted > 1 or cost < FAR_OFF
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)

@@ -25,6 +25,7 @@ from ..numerics.vectors import (
     distance,
     dot,
     frame,
+    length,
     rotate,
     rotate_about,
     rotate_about_y,
@@ -51,6 +52,9 @@ CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
 LEAST_FREE = 4                        # markers of the palm that determine an arch
+# [m] Palm markers that are no farther from a line leave the turn about it open: so are those of the
+# skin over the knuckles, 6 to 7 mm off it.
+LINE_WIDTH = .009
 
 
 @jit
@@ -112,8 +116,9 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
                        seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    Hidden principal markers count as seen, up to the number of the palm's measured markers. As one
-    vanishes, the others keep their `skin_shift`.
+    Hidden principal markers count as seen, up to the number of the palm's measured markers; up to
+    two where these are on a line, so that the digits hold the palm. As one vanishes, the others
+    keep their `skin_shift`.
 
     Parameters
     ----------
@@ -143,11 +148,14 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
     fade_skin_shifts(rows, state, ON_WRIST, step)
+    on_a_line = _are_on_a_line(rows, state)
     count = _solve_palm(
-        rows, state, lower, upper, several and rows.is_cupping[0] > 0, fitted)
+        rows, state, lower, upper, several and rows.is_cupping[0] > 0 and not on_a_line, fitted)
     if count == 0:
         return
-    if state.skin_shift_share[ON_WRIST] == 0.:
+    if on_a_line:
+        count = min(count, 2)
+    elif state.skin_shift_share[ON_WRIST] == 0.:
         _learn_palm_shifts(rows, state, fitted, step)
     shown = 0
     for i in range(3):
@@ -158,6 +166,20 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
             seen[i] = True
             shown += 1
         store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
+
+
+@jit
+def _are_on_a_line(rows: MarkerRows, state: RowState) -> bool:
+    """Return whether a principal marker known to the palm is hidden, those measured on a line."""
+    is_hidden = False
+    for i in range(3):
+        is_hidden |= state.is_known[i] and not state.is_measured[i]
+    if not is_hidden:
+        return False
+    area, i, j, k = _largest_triangle(rows, state)
+    a, b, c = _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k)
+    longest = max(distance(a, b), distance(b, c), distance(c, a))
+    return 2. * area < LINE_WIDTH * longest
 
 
 @jit
@@ -266,18 +288,7 @@ def _mean_miss(rows: MarkerRows, state: RowState, wrist: Wrist) -> float:
 @jit
 def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     """Place the wrist by the three measured markers of the largest triangle on the hand."""
-    largest, a, b, c = -1., 0, 0, 0
-    for i in range(rows.used[0]):
-        for j in range(i):
-            for k in range(j):
-                if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
-                        and _is_shown(rows, state, k)):
-                    continue
-                normal = triangle_normal(
-                    _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k))
-                size = dot(normal, normal)
-                if size > largest:
-                    largest, a, b, c = size, i, j, k
+    _, a, b, c = _largest_triangle(rows, state)
     corners = vector(state.points[a]), vector(state.points[b]), vector(state.points[c])
     normal = triangle_normal(*corners)
     if dot(normal, normal) <= 0.:
@@ -288,6 +299,24 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     store(template, 2, _flat_place(rows, c))
     axes, origin = rigid_palm(corners, template)
     store_pose(wrist.rotation, wrist.position, axes, origin)
+
+
+@jit
+def _largest_triangle(rows: MarkerRows, state: RowState) -> tuple[float, int, int, int]:
+    """Return the largest triangle of the palm's measured markers on the hand: area [m²], rows."""
+    largest, a, b, c = -1., 0, 0, 0
+    for i in range(rows.used[0]):
+        for j in range(i):
+            for k in range(j):
+                if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
+                        and _is_shown(rows, state, k)):
+                    continue
+                normal = triangle_normal(
+                    _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k))
+                area = .5 * length(normal)
+                if area > largest:
+                    largest, a, b, c = area, i, j, k
+    return largest, a, b, c
 
 
 @jit

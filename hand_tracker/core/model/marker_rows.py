@@ -158,6 +158,9 @@ class RowState(NamedTuple):
         This frame's markers as measured [m].
     is_measured, was_measured : ndarray of bool, shape (65,)
         In this and in the last frame.
+    is_fitted : ndarray of bool, shape (65,)
+        Whether the digit's angles are fitted to it: measured, or the predicted principal one of a
+        digit of which no marker is seen.
     is_known : ndarray of bool, shape (65,)
         Whether measured since the start.
     hidden_for : ndarray, shape (65,)
@@ -188,6 +191,7 @@ class RowState(NamedTuple):
     points: np.ndarray
     is_measured: np.ndarray
     was_measured: np.ndarray
+    is_fitted: np.ndarray
     is_known: np.ndarray
     hidden_for: np.ndarray
     arch: np.ndarray
@@ -207,7 +211,7 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
     def none() -> np.ndarray:
         return np.zeros(ROW_CAPACITY, dtype=bool)
 
-    return RowState(np.full((ROW_CAPACITY, 3), np.nan), none(), none(), none(),
+    return RowState(np.full((ROW_CAPACITY, 3), np.nan), none(), none(), none(), none(),
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
