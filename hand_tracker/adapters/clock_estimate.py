@@ -4,13 +4,15 @@ A message that shows the time `remote` and is received at `local` bounds the off
 from above; a request sent at `local` that is answered with the time `remote` bounds it from below.
 Delays vary, bounds do not lie: the offset is the straight line with the widest margin between the
 bounds of the last half minute, its slope the clocks' drift. So no delay enters but half the
-difference of the least delays of both ways, and nothing accumulates.
+difference of the least delays of both ways, and nothing accumulates. Where a tighter bound moves
+the line back, times go on more slowly until they are on it, and never step back.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,11 +25,35 @@ FINE_DRIFTS = np.array(sorted(
     np.linspace(-1., 1., 41) * 2. * MAX_DRIFT / (len(COARSE_DRIFTS) - 1), key=abs))
 LONGEST_LOOK = 50_000  # [ns] at two clocks, if nothing comes in between
 TOLERANCE = .001       # [s] by which bounds may contradict each other before all begins anew
+CATCH_UP = .1          # [1] by which times go on more slowly while they are ahead of the line
+MOST_AHEAD = .1        # [s] of the line; farther back it moves when a clock was set
 
 
-def local_time(remote: float, offset: float, drift: float, centre: float) -> float:
-    """Return the local time of a remote one, by a clock's `ClockEstimate.line` [s]."""
-    return remote + offset + drift * (remote - centre)
+class ClockLine(NamedTuple):
+    """A remote clock in terms of the local one.
+
+    Attributes
+    ----------
+    offset, centre : float
+        Local time less remote time at the remote time `centre` [s].
+    drift : float
+        Of the offset [s/s].
+    ahead, since : float
+        How far times up to the remote time `since` are ahead of that line, less from then on [s].
+    """
+
+    offset: float
+    drift: float
+    centre: float
+    ahead: float
+    since: float
+
+
+def local_time(remote: float, offset: float, drift: float, centre: float, ahead: float,
+               since: float) -> float:
+    """Return the local time of a remote one, by the numbers of a `ClockLine` [s]."""
+    return remote + offset + drift * (remote - centre) + max(
+        ahead - CATCH_UP * max(remote - since, 0.), 0.)
 
 
 class ClockEstimate:
@@ -43,17 +69,18 @@ class ClockEstimate:
         self._upper = np.full((BINS, 2), np.inf)
         self._lower = np.full((BINS, 2), -np.inf)
         self._bin = 0
-        self._offset, self._drift, self._centre = math.nan, 0., 0.
+        self._latest = -math.inf
+        self._line = ClockLine(math.nan, 0., 0., 0., 0.)
 
     @property
     def is_known(self) -> bool:
         """Whether there was any message yet."""
-        return not math.isnan(self._offset)
+        return not math.isnan(self._line.offset)
 
     @property
-    def line(self) -> tuple[float, float, float]:
-        """Offset at a remote time, drift, and that time, as of `local_time`."""
-        return self._offset, self._drift, self._centre
+    def line(self) -> ClockLine:
+        """The clock, for `local_time`."""
+        return self._line
 
     def received(self, remote: float, local: float) -> None:
         """Take a message that was sent at `remote` and received at `local`."""
@@ -73,19 +100,20 @@ class ClockEstimate:
 
     def local(self, remote: float) -> float:
         """Return the local time of a remote one; NaN before the first message."""
-        return local_time(remote, *self.line)
+        return local_time(remote, *self._line)
 
     def _take(self, bounds: np.ndarray, remote: float, offset: float, sign: float) -> None:
         """Keep a bound if it is the tightest of its bin; fit where the line passes it."""
-        if remote < self._origin + (self._bin - BINS + 1) * BIN:
-            self._restart(remote, offset, sign)
-            return
         if math.isnan(self._origin):
             self._origin = remote
         number = math.floor((remote - self._origin) / BIN)
+        if abs(number - self._bin) >= BINS:
+            self._restart(remote, offset, sign)
+            return
+        self._latest = max(self._latest, remote)
         is_new = number > self._bin
         if is_new:
-            gone = np.arange(self._bin + 1, min(number, self._bin + BINS) + 1) % BINS
+            gone = np.arange(self._bin + 1, number + 1) % BINS
             self._upper[gone], self._lower[gone] = (np.inf, np.inf), (-np.inf, -np.inf)
             self._bin = number
         row = bounds[number % BINS]
@@ -93,9 +121,8 @@ class ClockEstimate:
             return
         row[:] = remote, offset
         passes = sign * (self.local(remote) - remote - offset) > 0.
-        if is_new or passes or not self.is_known:
-            if self._fit() < -TOLERANCE:
-                self._restart(remote, offset, sign)
+        if (is_new or passes or not self.is_known) and self._fit() < -TOLERANCE:
+            self._restart(remote, offset, sign)
 
     def _restart(self, remote: float, offset: float, sign: float) -> None:
         """Begin anew with a bound: one of the clocks was set."""
@@ -107,30 +134,31 @@ class ClockEstimate:
         upper = self._upper[np.isfinite(self._upper[:, 1])]
         lower = self._lower[np.isfinite(self._lower[:, 1])]
         times = np.concatenate((upper[:, 0], lower[:, 0]))
-        self._centre = times.mean()
+        centre, offset, drift = float(times.mean()), math.nan, self._line.drift
         margin = math.inf
-        for drifts in (COARSE_DRIFTS, self._drift_about):
-            tried = drifts() if callable(drifts) else drifts
-            above = (upper[:, 1] - tried[:, None] * (upper[:, 0] - self._centre)).min(
+        for about, drifts in ((0., COARSE_DRIFTS), (1., FINE_DRIFTS)):
+            tried = about * drift + drifts
+            above = (upper[:, 1] - tried[:, None] * (upper[:, 0] - centre)).min(
                 axis=1, initial=np.inf)
-            below = (lower[:, 1] - tried[:, None] * (lower[:, 0] - self._centre)).max(
+            below = (lower[:, 1] - tried[:, None] * (lower[:, 0] - centre)).max(
                 axis=1, initial=-np.inf)
             if not len(lower):
                 # Nothing is known of the delay: taken for none at its least.
                 best = int(np.argmax(above))
-                self._offset = float(above[best])
+                offset = float(above[best])
             elif not len(upper):
                 best = int(np.argmin(below))
-                self._offset = float(below[best])
+                offset = float(below[best])
             else:
                 best = int(np.argmax(above - below))
-                self._offset = .5 * float(above[best] + below[best])
+                offset = .5 * float(above[best] + below[best])
                 margin = .5 * float(above[best] - below[best])
-            self._drift = float(tried[best])
+            drift = float(tried[best])
+        line = ClockLine(offset, drift, centre, 0., self._latest)
+        ahead = self.local(self._latest) - local_time(self._latest, *line)
+        self._line = line._replace(ahead=ahead) if 0. < ahead < MOST_AHEAD else line
         return margin
 
-    def _drift_about(self) -> np.ndarray:
-        return self._drift + FINE_DRIFTS
 
 def wall_offset() -> int:
     """Return the system's time less that of the clock that never jumps [ns]."""

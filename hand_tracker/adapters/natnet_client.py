@@ -17,7 +17,7 @@ from threading import Event
 import numpy as np
 
 from ..messages.stamps import stamp_of
-from .clock_estimate import ClockEstimate, wall_offset
+from .clock_estimate import ClockEstimate, ClockLine, wall_offset
 from .natnet_packets import (
     CONNECT,
     ECHO_REQUEST,
@@ -269,7 +269,7 @@ class NatNetClient:
             structure.times + 16, structure.times, 1. / self._frequency, self._now, self._follow,
             labelled[is_hidden], self._taken < in_sets, labelled, len(unlabelled))
 
-    def _now(self) -> tuple[int, tuple[float, float, float], int]:
+    def _now(self) -> tuple[int, ClockLine, int]:
         assert self._sent is not None
         return self._sent, self._clock.line, wall_offset()
 

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .clock_estimate import ClockLine
+
 FLOAT = np.dtype('<f4')
 POINT_SIZE = 3 * FLOAT.itemsize   # [bytes]
 NO_PLACE = -1                       # in place of a place
@@ -60,7 +62,7 @@ class PacketOrigin(NamedTuple):
     tick : float
         Of the exposure [s].
     now : callable
-        Returns the last number that goes up, `ClockEstimate.line`, and `wall_offset` [ns].
+        Returns the last number that goes up, the `ClockLine`, and `wall_offset` [ns].
     follow : callable
         To be called with a packet that was read by its origin alone, and when it was received.
     filled_in : ndarray of int
@@ -81,7 +83,7 @@ class PacketOrigin(NamedTuple):
     order: int
     time: int
     tick: float
-    now: Callable[[], tuple[int, tuple[float, float, float], int]]
+    now: Callable[[], tuple[int, ClockLine, int]]
     follow: Callable[[bytes, int], None]
     filled_in: np.ndarray = NO_PLACES_SHOWN
     may_be_filled: np.ndarray = NONE_SHOWN

@@ -20,7 +20,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..files.plain_xml import parse_plain_xml
 from ..messages.stamps import stamp_of
-from .clock_estimate import ClockEstimate, wall_offset
+from .clock_estimate import ClockEstimate, ClockLine, wall_offset
 from .packet_reception import Relay, receive
 from .packet_structure import PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
@@ -224,7 +224,7 @@ class QualisysClient:
             structure.common, places[:named], places[named:], MILLIMETRE * np.eye(3), QTM_ORDER,
             QTM_HEADER.size, 1e-6, self._now, self._follow)
 
-    def _now(self) -> tuple[int, tuple[float, float, float], int]:
+    def _now(self) -> tuple[int, ClockLine, int]:
         return self._order, self._clock.line, wall_offset()
 
     def _follow(self, packet: bytes, received: int) -> None:

@@ -68,6 +68,22 @@ def test_a_clock_that_was_set_is_followed():
     assert abs(clock.local(7e6 + later) - later) < ACCURACY
 
 
+@pytest.mark.parametrize('has_echoes', [True, False])
+@pytest.mark.parametrize('seed', range(5))
+def test_times_never_step_back_as_bounds_tighten(has_echoes, seed):
+    _, times, errors = simulated(40., 1e-4, has_echoes=has_echoes, seed=seed)
+    assert np.diff(times + errors).min() > .8 / RATE
+
+
+def test_a_clock_that_was_set_back_is_followed_at_once_though_nothing_was_echoed():
+    clock = ClockEstimate()
+    for local in np.arange(0., 10., 1. / RATE):
+        clock.received(local, local + .001)
+    for local in np.arange(10., 10.5, 1. / RATE):
+        clock.received(local + 7., local + .001)
+    assert abs(clock.local(local + 7.) - local) < .002
+
+
 def test_nothing_is_known_before_the_first_message():
     clock = ClockEstimate()
     assert not clock.is_known and np.isnan(clock.local(1.))

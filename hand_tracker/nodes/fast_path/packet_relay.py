@@ -77,8 +77,8 @@ class RelayMemory(NamedTuple):
         The number that goes up, of the last packet.
     tick : ndarray, shape (1,)
         Of the exposure [s].
-    clock : ndarray, shape (3,)
-        Offset, drift, centre: see `ClockEstimate.line`.
+    clock : ndarray, shape (5,)
+        Numbers of the `ClockLine`.
     wall : ndarray of int, shape (1,)
         See `wall_offset` [ns].
     message : ndarray, shape (MESSAGE_CAPACITY // 8,)
@@ -156,7 +156,7 @@ def new_relay_memory(handed: int = 0, callback: int = 0, context: int = 0, poll:
         integers(POINTS_CAPACITY), integers(1), integers(POINTS_CAPACITY), integers(1),
         integers(1), integers(POINTS_CAPACITY), integers(1), integers(POINTS_CAPACITY),
         np.eye(3), integers(1), integers(1), integers(1), np.ones(1),
-        np.zeros(3), integers(1), np.zeros(MESSAGE_CAPACITY // 8), integers(1),
+        np.zeros(5), integers(1), np.zeros(MESSAGE_CAPACITY // 8), integers(1),
         integers(POINTS_CAPACITY), integers(1), integers(MOST_SOCKETS),
         np.zeros(MOST_AT_ONCE, np.uint8), integers(2), integers(1), integers(1), handed,
         callback, context, poll, receive, get_time)
@@ -284,7 +284,8 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
         first = memory.point_numbers[k]
         message[first:first + 3] = np.nan
     exposed = memory.tick[0] * packet[memory.time[0]:memory.time[0] + 8].view(np.int64)[0]
-    local = _local_time(exposed, memory.clock[0], memory.clock[1], memory.clock[2])
+    clock = memory.clock
+    local = _local_time(exposed, clock[0], clock[1], clock[2], clock[3], clock[4])
     # False for NaN, too.
     if not 0. <= 1e-9 * received - local < LONGEST_WAY:
         return False
