@@ -28,11 +28,13 @@ class FitCheck:
         Whether every frame is far off the hand, for long.
     is_misfit : bool
         Whether frames are far off on average, though not each one.
+    has_fitted : bool
+        Whether any tracked frame was not far off the hand.
     """
 
     def __init__(self) -> None:
         self.residual = 0.
-        self.is_off = False
+        self.is_off = self.has_fitted = False
         self._off_since: float | None = None
         self.forget()
 
@@ -59,6 +61,7 @@ class FitCheck:
         is_seen = not math.isnan(residual)
         self.residual = residual if is_seen else 0.
         if not is_tracked or self.residual <= OFF_HAND_DISTANCE:
+            self.has_fitted |= is_tracked
             self._off_since = None
         elif self._off_since is None:
             self._off_since = now

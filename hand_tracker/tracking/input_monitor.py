@@ -31,6 +31,7 @@ START_UP = 20.
 SENDS_NOTHING = 'sends nothing that arrives; is it paused?'
 UNDISCOVERED = 'a node not yet discovered'
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
+WRONG_UNIT = .1      # [m] that markers are off the hand on average where the unit may be wrong
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
 PALM_FAULTS = {
@@ -205,12 +206,15 @@ class InputMonitor:
         """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
         miss = self.fit.end()
+        if self._started is not None and not (self.fit.has_fitted or self.is_wrong):
+            # However few frames they are, all being off tells of a wrong setting.
+            miss = self.fit.residual
+            self.warn_once('fit', f'in every frame {self._off(miss)}: {self._why_off(miss)}?')
         if miss is None:
             return
         self._warn_of_bad_fit(miss)
         if miss > OFF_HAND_DISTANCE and not self.is_wrong:
-            self.warn_once('fit', f'the markers are on average {1e3 * miss:.0f} mm off the hand: '
-                           f'{self._why_off}?')
+            self.warn_once('fit', f'{self._off(miss)}: {self._why_off(miss)}?')
 
     def restarted(self) -> None:
         """Note that time jumped back."""
@@ -343,8 +347,7 @@ class InputMonitor:
             return fault
         if situation == 'off':
             miss = self.fit.residual if self.fit.is_off else self.fit.misfit
-            return (f'the markers are on average {1e3 * miss:.0f} mm off the hand, which '
-                    f'is left out: {self._why_off}?')
+            return f'{self._off(miss)}, which is left out: {self._why_off(miss)}?'
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
@@ -369,9 +372,13 @@ class InputMonitor:
     def _what_to_check(self) -> str:
         return f'check {self.names.scale}, the size of the hand and {self.names.labels}'
 
-    @property
-    def _why_off(self) -> str:
-        return ('wrong side, labels, layout or hand size (a hand file says it: '
+    @staticmethod
+    def _off(miss: float) -> str:
+        return f'the markers are on average {1e3 * miss:.0f} mm off the hand'
+
+    def _why_off(self, miss: float) -> str:
+        unit = f'unit ({self.names.scale}), ' if miss > WRONG_UNIT else ''
+        return (f'wrong {unit}side, labels, layout or hand size (a hand file says it: '
                 f'{self.names.hand})' + (f', or {other}' if (other := self._other_person) else ''))
 
     @property

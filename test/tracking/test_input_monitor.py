@@ -167,6 +167,19 @@ def test_a_recording_that_ends_far_off_says_so_and_not_that_it_was_left_out():
     assert '18 mm off the hand: wrong side' in line and 'left out' not in line
 
 
+@pytest.mark.parametrize('miss, said', [
+    (.026, '26 mm off the hand: wrong side'), (.3, '300 mm off the hand: wrong unit (unit_scale')])
+def test_a_recording_that_is_off_in_every_frame_says_so_however_short_it_is(miss, said):
+    off = state_of()._replace(residuals=np.full(8, miss))
+    hand, other = Input(), Input()
+    feed_by_turns(hand, 0., .1, off)
+    feed_by_turns(other, 0., .1, NEAR, off)
+    hand.watch.ended()
+    other.watch.ended()
+    line, = hand.said(.1)
+    assert said in line and not other.said(.1)
+
+
 def test_names_in_the_namespace_are_told_where_the_palm_is_waited_for():
     hand = Input()
     hand.watch.received(0., frame(hidden(1, 2), doubled=(0,)))
