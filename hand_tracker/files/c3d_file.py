@@ -343,7 +343,7 @@ def write_c3d(path: Path, recording: PointRecording) -> None:
         raise RecordingError(f'{path}: {frames} frames of {count} points; a C3D file holds 1 to '
                              f'{SATURATED - 1} points')
     rate = recording.rate if np.isfinite(recording.rate) else 0.
-    first = _first_frame(recording, rate)
+    first = recording.first_number(rate)
     section = _parameter_section(recording, rate, first, 0)
     blocks = -(-(len(section) + 4) // C3D_BLOCK)
     if blocks > 255:
@@ -363,14 +363,6 @@ def write_c3d(path: Path, recording: PointRecording) -> None:
             values[~np.isfinite(rows).all(axis=2)] = (0., 0., 0., -1.)
             file.write(values.tobytes())
         file.write(bytes(-file.tell() % C3D_BLOCK))
-
-
-def _first_frame(recording: PointRecording, rate: float) -> int:
-    """Return the number of the first frame: frame 1 is at 0 s."""
-    if recording.stamps is None or not rate:
-        return 1
-    first = 1. + float(recording.stamps[0]) * rate
-    return round(first) if 1. <= first < 2**31 - len(recording.points) else 1
 
 
 def _parameter_section(recording: PointRecording, rate: float, start: int,

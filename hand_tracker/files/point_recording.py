@@ -184,6 +184,16 @@ class PointRecording(NamedTuple):
             return 0
         return int(even_rows(self.stamps)[-1]) + 1 - len(self.stamps)
 
+    def first_number(self, rate: float) -> int:
+        """Return the number of the first frame at a rate [Hz], where frame 1 is at 0 s.
+
+        It is 1 where the rate is 0 or NaN, and where a file cannot hold the last frame's number.
+        """
+        if self.stamps is None or not rate > 0.:
+            return 1
+        first = 1. + float(self.stamps[0]) * rate
+        return round(first) if 1. <= first < 2**31 - len(self.points) else 1
+
     def blocks(self) -> Iterator[np.ndarray]:
         """Yield views of the points, some frames at once."""
         for first in range(0, len(self.points), ROWS_AT_ONCE):

@@ -421,7 +421,7 @@ def _is_increasing(values: np.ndarray) -> bool:
 
 def write_point_rows(path: Path, header: str, recording: PointRecording, matrix: np.ndarray,
                      decimals: int, delimiter: str, lead: str, missing: str = '',
-                     line_end: str = '\n') -> None:
+                     line_end: str = '\n', first: int = 1) -> None:
     """Write points as rows of text.
 
     Parameters
@@ -435,10 +435,11 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
     decimals : int
     delimiter : str
     lead : str
-        Format of the first cells, of `frame` (from 0) and `time` [s].
+        Format of the first cells, of `frame` (from 0), `number` (from `first`) and `time` [s].
     missing : str, optional
         Cell of a coordinate of a missing point.
     line_end : str, optional
+    first : int, optional
     """
     count = recording.points.shape[1]
     line = delimiter.join([f'%.{decimals}f'] * (3 * count))
@@ -451,7 +452,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
                 text = line % tuple(values)
                 if 'nan' in text:
                     text = text.replace('nan', missing)
-                start = lead.format(frame=frame, number=frame + 1, time=next(times))
+                start = lead.format(frame=frame, number=frame + first, time=next(times))
                 file.write(f'{start}{delimiter}{text}{line_end}')
                 frame += 1
 

@@ -104,4 +104,5 @@ def write_vicon_csv(path: Path, recording: PointRecording) -> None:
     header = (f'{VICON_BLOCK}\n{rate:.6g}\n,,' + ',,,'.join(names) + ',,\nFrame,Sub Frame,'
               + ','.join(['X,Y,Z'] * count) + '\n,,' + ','.join(['mm'] * (3 * count)) + '\n')
     write_point_rows(
-        path, header, recording, np.linalg.inv(Axes('mm').matrix), 5, ',', '{number},0')
+        path, header, recording, np.linalg.inv(Axes('mm').matrix), 5, ',', '{number},0',
+        first=recording.first_number(rate))

@@ -233,6 +233,17 @@ def test_an_optitrack_file_in_pixels_is_refused(tmp_path):
         read_recording(text_file(tmp_path, text, 'a.csv'))
 
 
+@pytest.mark.parametrize('suffix', SUFFIXES[:6])
+@pytest.mark.parametrize('start', [0., 5., 1.7e9])
+def test_a_start_later_than_0_comes_back(tmp_path, suffix, start):
+    """Formats that number their frames, and have no times, cannot tell of a date."""
+    recording = hand_recording(60)._replace(stamps=start + np.arange(60) / 120.)
+    found = read_recording(written(tmp_path, recording, suffix)).times()
+    numbers_only = suffix in ('.c3d', 'vicon.csv')
+    expected = 0. if numbers_only and start > 1e9 else start
+    np.testing.assert_allclose(found, expected + np.arange(60) / 120., rtol=0., atol=1e-5)
+
+
 def test_a_vicon_file_with_devices_in_front_is_read(tmp_path):
     text = ('Devices\n1000\n,,Force\nFrame,Sub Frame,Fx\n,,N\n1,0,5\n\n'
             'Trajectories\n100\n,,Anna:LFIN,,,Anna:LWRA,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n'
