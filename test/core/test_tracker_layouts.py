@@ -153,6 +153,42 @@ def test_a_palm_whose_skin_slides_hardly_moves_when_a_marker_blinks():
     assert moved.max() < .5 * np.linalg.norm(never - places[119])
 
 
+def test_a_palm_marker_vanishes_where_it_last_was_though_another_vanished_shortly_before():
+    """What is expected of the markers is what they last showed, not what they first did."""
+    layout = preset_layout('kyutech23')
+    still = markers_of(layout, motion(1))[0]
+    on_palm = [row for row, place in enumerate(layout.places) if place in PALM_LANDMARKS]
+    slid = np.zeros(still.shape)
+    slid[on_palm] = np.random.default_rng(5).normal(scale=.003, size=(len(on_palm), 3))
+    first, second = (layout.places.index(name) for name in ('ring_mcp', 'index_mcp'))
+    tracker = HandTracker(HAND, layout)
+    for frame in range(260):
+        # A blink before the skin slides, and the other marker for good.
+        markers = still + np.clip((frame - 120) / 120., 0., 1.) * slid
+        expected = markers[second].copy()
+        if 115 <= frame < 120:
+            markers[first] = np.nan
+        if frame >= 242:
+            markers[second] = np.nan
+        state = tracker.update(markers, frame / RATE)
+    assert np.linalg.norm(state.markers[second] - expected) < 1.5e-3
+
+
+@pytest.mark.parametrize('hidden', [('wrist', 'index_mcp'), ('wrist', 'little_mcp')])
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_the_knuckles_that_are_left_say_nothing_of_the_wrist(side, hidden):
+    hand, layout = HAND.replace(side=side), preset_layout('kyutech23')
+    markers = markers_of(layout, motion(1, hand=hand), hand)[0]
+    markers += np.random.default_rng(6).normal(scale=.002, size=markers.shape)
+    without = markers.copy()
+    without[[row for row, place in enumerate(layout.places) if place in hidden]] = np.nan
+    tracker = HandTracker(hand, layout)
+    before = tracked(tracker, 120 * [markers])[-1]
+    after = [tracker.update(without, (120 + i) / RATE) for i in range(24)]
+    moved = np.linalg.norm([state.wrist_position - before.wrist_position for state in after], axis=1)
+    assert moved.max() < 3e-3
+
+
 @pytest.mark.parametrize('ghost', ['ring_mcp', 'index_tip'])
 def test_a_marker_that_is_elsewhere_is_not_believed_because_another_blinks(ghost):
     layout, moved = preset_layout('kyutech23'), motion(240)

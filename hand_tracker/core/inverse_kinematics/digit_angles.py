@@ -24,6 +24,7 @@ from ..numerics.vectors import (
     clamp,
     components,
     cross,
+    dot,
     frame,
     rotate,
     rotate_about_y,
@@ -300,11 +301,12 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
         fitted += 1
         place, end = _marker_on_digit(rows, state, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
-        square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
-        loss = 1. + square / (OUTLIER * OUTLIER)
-        cost += square / (rows.variance[row] * loss)
-        weight = 1. / (rows.variance[row] * loss * loss)
         link = rows.link[row]
+        # By how far a marker is off its place, shifted or not: as shifts fade the weights stay.
+        off = add(miss, rotate(_axes_of_link(workspace, link), expected_shift(rows, state, row)))
+        loss = 1. + dot(off, off) / (OUTLIER * OUTLIER)
+        cost += dot(miss, miss) / (rows.variance[row] * loss)
+        weight = 1. / (rows.variance[row] * loss * loss)
         joints = link + 1
         for j in range(joints):
             v = cross(vector(workspace.axes[j]), subtract(place, vector(workspace.origins[j])))
@@ -522,8 +524,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)
-            if state.skin_shift_share[digit] == 0.:
-                _learn_shifts(rows, state, digit, step, workspace)
+            _learn_shifts(rows, state, digit, step, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
                 angles[joint] = state.angles[joint]
@@ -538,7 +539,7 @@ def _learn_shifts(rows: MarkerRows, state: RowState, digit: int, step: float,
     for row in range(rows.used[0]):
         if rows.digit[row] == digit and state.is_measured[row]:
             place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
-            learn_skin_shift(state, row, components(
+            learn_skin_shift(rows, state, row, components(
                 _axes_of_link(workspace, rows.link[row]),
                 subtract(vector(state.local[row]), place)), step)
     for j in range(0 if digit == THUMB else 1, CHAIN_JOINTS):

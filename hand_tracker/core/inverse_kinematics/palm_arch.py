@@ -29,6 +29,7 @@ from ..numerics.vectors import (
     rotate,
     rotate_about,
     rotate_about_y,
+    scale,
     store,
     store_pose,
     subtract,
@@ -54,7 +55,7 @@ RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
 LEAST_FREE = 4                        # markers of the palm that determine an arch
 # [m] Palm markers that are no farther from a line leave the turn about it open: so are those of the
 # skin over the knuckles, 6 to 7 mm off it.
-LINE_WIDTH = .009
+COLLINEAR_WIDTH = .009
 
 
 @jit
@@ -116,9 +117,9 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
                        seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    Hidden principal markers count as seen, up to the number of the palm's measured markers; up to
-    two where these are on a line, so that the digits hold the palm. As one vanishes, the others
-    keep their `skin_shift`.
+    Hidden principal markers count as seen, those nearest to the measured ones first, up to the
+    number of these; up to two where these are on a line, so that the digits hold the palm. As one
+    vanishes, the others keep their `skin_shift`.
 
     Parameters
     ----------
@@ -155,17 +156,37 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         return
     if on_a_line:
         count = min(count, 2)
-    elif state.skin_shift_share[ON_WRIST] == 0.:
+    else:
         _learn_palm_shifts(rows, state, fitted, step)
-    shown = 0
-    for i in range(3):
-        shown += seen[i]
+    _count_as_seen(rows, state, count, seen)
     axes, origin = frame(fitted.rotation), vector(fitted.position)
     for i in range(3):
-        if not seen[i] and shown < count:
-            seen[i] = True
-            shown += 1
         store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
+
+
+@jit
+def _count_as_seen(rows: MarkerRows, state: RowState, count: int, seen: np.ndarray) -> None:
+    """Count principal palm markers as seen up to a number, those nearest to the others' line first.
+
+    Parameters
+    ----------
+    rows : MarkerRows
+    state : RowState
+    count : int
+    seen : ndarray of bool, shape (n,)
+        Changed.
+    """
+    for _ in range(count):
+        if seen[0] + seen[1] + seen[2] >= min(count, 3):
+            return
+        nearest = -1
+        least = math.inf
+        a, b = _line_ends(rows, state)
+        for i in range(3):
+            off = _off_line(rows, i, a, b)
+            if not seen[i] and off < least:
+                nearest, least = i, off
+        seen[nearest] = True
 
 
 @jit
@@ -176,10 +197,35 @@ def _are_on_a_line(rows: MarkerRows, state: RowState) -> bool:
         is_hidden |= state.is_known[i] and not state.is_measured[i]
     if not is_hidden:
         return False
-    area, i, j, k = _largest_triangle(rows, state)
-    a, b, c = _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k)
-    longest = max(distance(a, b), distance(b, c), distance(c, a))
-    return 2. * area < LINE_WIDTH * longest
+    a, b = _line_ends(rows, state)
+    for row in range(rows.used[0]):
+        if _is_shown(rows, state, row) and _off_line(rows, row, a, b) > COLLINEAR_WIDTH:
+            return False
+    return True
+
+
+@jit
+def _line_ends(rows: MarkerRows, state: RowState) -> tuple[int, int]:
+    """Return the two measured palm markers that are farthest apart on the hand; one twice."""
+    farthest, a, b = -1., 0, 0
+    for i in range(rows.used[0]):
+        for j in range(i + 1):
+            if _is_shown(rows, state, i) and _is_shown(rows, state, j):
+                apart = distance(_flat_place(rows, i), _flat_place(rows, j))
+                if apart > farthest:
+                    farthest, a, b = apart, i, j
+    return a, b
+
+
+@jit
+def _off_line(rows: MarkerRows, row: int, a: int, b: int) -> float:
+    """Return how far a palm marker's place is off the line through those of two others [m]."""
+    start = _flat_place(rows, a)
+    along = subtract(_flat_place(rows, b), start)
+    off = subtract(_flat_place(rows, row), start)
+    square = dot(along, along)
+    return length(subtract(off, scale(along, dot(off, along) / square))) if square > 0. else (
+        length(off))
 
 
 @jit
@@ -209,7 +255,7 @@ def _learn_palm_shifts(rows: MarkerRows, state: RowState, wrist: Wrist, step: fl
         if _is_shown(rows, state, row):
             miss = subtract(_in_wrist(state, row, axes, origin), _expected_place(rows, state, row))
             learn_skin_shift(
-                state, row, rotate_about_y(miss, -_flexion(rows, state, row)), step)
+                rows, state, row, rotate_about_y(miss, -_flexion(rows, state, row)), step)
     for finger in range(4):
         learn_shift_angle(state, 5 * finger, state.arch[finger], step)
 
@@ -288,7 +334,18 @@ def _mean_miss(rows: MarkerRows, state: RowState, wrist: Wrist) -> float:
 @jit
 def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     """Place the wrist by the three measured markers of the largest triangle on the hand."""
-    _, a, b, c = _largest_triangle(rows, state)
+    largest, a, b, c = -1., 0, 0, 0
+    for i in range(rows.used[0]):
+        for j in range(i):
+            for k in range(j):
+                if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
+                        and _is_shown(rows, state, k)):
+                    continue
+                normal = triangle_normal(
+                    _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k))
+                size = dot(normal, normal)
+                if size > largest:
+                    largest, a, b, c = size, i, j, k
     corners = vector(state.points[a]), vector(state.points[b]), vector(state.points[c])
     normal = triangle_normal(*corners)
     if dot(normal, normal) <= 0.:
@@ -299,24 +356,6 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     store(template, 2, _flat_place(rows, c))
     axes, origin = rigid_palm(corners, template)
     store_pose(wrist.rotation, wrist.position, axes, origin)
-
-
-@jit
-def _largest_triangle(rows: MarkerRows, state: RowState) -> tuple[float, int, int, int]:
-    """Return the largest triangle of the palm's measured markers on the hand: area [m²], rows."""
-    largest, a, b, c = -1., 0, 0, 0
-    for i in range(rows.used[0]):
-        for j in range(i):
-            for k in range(j):
-                if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
-                        and _is_shown(rows, state, k)):
-                    continue
-                normal = triangle_normal(
-                    _flat_place(rows, i), _flat_place(rows, j), _flat_place(rows, k))
-                area = .5 * length(normal)
-                if area > largest:
-                    largest, a, b, c = area, i, j, k
-    return largest, a, b, c
 
 
 @jit
@@ -341,7 +380,10 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
         finger = rows.link[row]
         x, y, z = _expected_place(rows, state, row)
         ex, ey, ez = subtract(_in_wrist(state, row, axes, origin), (x, y, z))
-        loss = 1. + (ex * ex + ey * ey + ez * ez) / (outlier * outlier)
+        # By how far a marker is off its place, shifted or not: as shifts fade the weights stay.
+        off = add((ex, ey, ez), rotate_about_y(
+            expected_shift(rows, state, row), _flexion(rows, state, row)))
+        loss = 1. + dot(off, off) / (outlier * outlier)
         weight = 1. / (rows.variance[row] * loss * loss)
         by[:] = 0.
         by[0, 1], by[0, 2], by[0, 3] = z, -y, 1.

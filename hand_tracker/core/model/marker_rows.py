@@ -179,11 +179,12 @@ class RowState(NamedTuple):
         Digits that all their markers have solved in this frame, so that the principal one need not.
     is_followed : ndarray of bool, shape (5,)
         The others whose principal marker is seen.
-    skin_shift : ndarray, shape (65, 3)
-        How far each marker is off its place, in the frame of its link, as last seen together with
-        the others of its digit or of the palm [m].
-    skin_shift_angles : ndarray, shape (25,)
+    seen_shift : ndarray, shape (65, 3)
+        How far each marker is off its place, in the frame of its link, as last seen [m].
+    seen_shift_angles : ndarray, shape (25,)
         Angles with these shifts [rad].
+    skin_shift, skin_shift_angles : ndarray, shape (65, 3) and (25,)
+        The same when a marker of the digit, or of the palm, last vanished [m, rad].
     skin_shift_share : ndarray, shape (6,)
         Share of these that the fit of each digit takes into account, the last of the palm [1].
     """
@@ -201,6 +202,8 @@ class RowState(NamedTuple):
     targets: np.ndarray
     is_solved: np.ndarray
     is_followed: np.ndarray
+    seen_shift: np.ndarray
+    seen_shift_angles: np.ndarray
     skin_shift: np.ndarray
     skin_shift_angles: np.ndarray
     skin_shift_share: np.ndarray
@@ -215,4 +218,5 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
-                    np.zeros((ROW_CAPACITY, 3)), relaxed.copy(), np.zeros(len(DIGITS) + 1))
+                    np.zeros((ROW_CAPACITY, 3)), relaxed.copy(), np.zeros((ROW_CAPACITY, 3)),
+                    relaxed.copy(), np.zeros(len(DIGITS) + 1))
