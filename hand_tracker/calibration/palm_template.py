@@ -20,6 +20,7 @@ from ..core.numerics.rigid_fit import nearest_rotation
 from .least_squares import evenly_spaced, least_squares
 from .marker_names import UsualPlace
 from .ruler import RULER_SPREAD, UNMEASURED, Ruler
+from .takes import InvalidTake
 
 ELSEWHERE = .02     # [m] off its place, beyond which a marker is another one; ours
 # [m] that a rigid marker of the palm is off its place at most, else it is elsewhere, or another is;
@@ -135,8 +136,9 @@ def rigid_set(points: np.ndarray) -> np.ndarray:
     """
     count = points.shape[1]
     _, distances = _sampled(points)
-    low, high = np.nanpercentile(distances, (10., 90.), axis=0)
-    change = high - low
+    together = np.isfinite(distances).any(axis=0)
+    low, high = np.nanpercentile(np.where(together, distances, 0.), (10., 90.), axis=0)
+    change = np.where(together, high - low, np.inf)
     best = min(combinations(range(count), 3), key=lambda three: max(
         change[i, j] for i, j in combinations(three, 2)))
     usual = max(change[i, j] for i, j in combinations(best, 2))
@@ -226,12 +228,24 @@ def fit_palm(names: Sequence[str], points: np.ndarray,
     Returns
     -------
     PalmFit
+
+    Raises
+    ------
+    InvalidTake
+        If some markers are never seen with the others.
     """
     rigid = rigid_set(points)
     template = np.empty((len(names), 3))
     template[rigid] = _rigid_template(points[:, rigid])
-    template[~rigid] = np.nanmedian(to_palm(
-        points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
+    others = to_palm(points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid]))
+    is_placed = rigid.copy()
+    is_placed[~rigid] = np.isfinite(others).all(axis=2).any(axis=0)
+    if not is_placed.all():
+        lost, held = ([name for name, is_so in zip(names, mask) if is_so]
+                      for mask in (~is_placed, rigid))
+        raise InvalidTake(f'{", ".join(lost)} of the palm: never seen with three of '
+                          f'{", ".join(held)}; expected takes with the same markers on the palm')
+    template[~rigid] = np.nanmedian(others, axis=0)
     return aligned_palm(
         PalmFit(tuple(names), template, rigid, ruler.length or MEAN_LENGTH, MEAN_BREADTH,
                 usual or {}, ruler), RULER_SPREAD if ruler.length else LENGTH_SPREAD)

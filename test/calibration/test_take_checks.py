@@ -83,6 +83,16 @@ def test_both_hands_are_refused():
         check_takes([good_take(), good_take()._replace(side='left')])
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('other, said', [
+    ('dfki__pillow', 'back_hand_3 of the palm: never seen with three of hand_top, '),
+    ('kyutech_s1__trial4_task1', 'wrist of the palm: never seen with three of thumb_cmc')])
+def test_takes_without_common_markers_on_the_palm_are_refused(other, said):
+    takes = [load_take(capture_path(name)) for name in ('sig18__user1_right', other)]
+    with pytest.raises(InvalidTake, match=said):
+        check_takes(takes)
+
+
 def test_a_finger_that_does_not_move_is_noted():
     take = load_take(capture_path('kyutech_s1__trial4_task1'))
     points = np.concatenate([take.points] * 3)
