@@ -18,9 +18,9 @@ from .spliced_body import SplicedHand, body_times
 
 BONE_WIDTH = .12           # of a drawn bone, of its length
 WIDEST_AT = .2             # of its length
-# Triangles of an octahedron: its root, four corners around, its end.
-BONE_FACES = np.array([(0, 1 + i, 1 + (i + 1) % 4) for i in range(4)]
-                      + [(5, 1 + (i + 1) % 4, 1 + i) for i in range(4)])
+# Triangles of an octahedron, anticlockwise from outside: its root, four corners around, its end.
+BONE_FACES = np.array([(0, 1 + (i + 1) % 4, 1 + i) for i in range(4)]
+                      + [(5, 1 + i, 1 + (i + 1) % 4) for i in range(4)])
 
 
 def skeleton_of(body: BvhMotion, unit: float) -> SkeletonMotion:

@@ -16,6 +16,7 @@ from hand_tracker.files.bvh_file import (
 )
 from hand_tracker.files.glb_file import write_glb
 from hand_tracker.files.skeleton_motion import joint_names, skeleton_motion
+from hand_tracker.skin.load import load_skin
 from hand_tracker.splicing.body_glb import body_mesh, skeleton_of
 from hand_tracker.splicing.body_skeleton import (
     SkeletonError,
@@ -174,6 +175,10 @@ def test_the_glb_moves_as_the_bvh(tmp_path):
     assert of_hand.sum() > 500
     away = np.linalg.norm(mesh.vertices - rest[strongest], axis=1)
     assert away[of_hand].max() < .09
+    # Faces of the bones' octahedra look outwards: renderers cull others.
+    bones = mesh.faces[len(load_skin(tracked.hand).faces):].reshape(-1, 8, 3)
+    corners = mesh.vertices[bones] - mesh.vertices[bones].mean(axis=(1, 2), keepdims=True)
+    assert len(bones) > 10 and (np.linalg.det(corners).sum(axis=1) > 0.).all()
     # Forward kinematics of the quaternions are those of the angles.
     places, _ = joint_poses(spliced.joints, spliced.values[100:101])
     shown = [i for i, joint in enumerate(spliced.joints) if joint.channels]
