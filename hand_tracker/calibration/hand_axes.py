@@ -137,18 +137,25 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     return float(np.clip(weights[clear > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
 
 
-def side_by_shape(recording: PointRecording, named: Mapping[str, int]) -> str:
-    """Return the side of a hand that its shape decides, empty where it does not.
+def side_by_shape(recording: PointRecording, named: Mapping[str, int]) -> tuple[str, float]:
+    """Return the likelier side of a hand by its shape.
 
     Parameters
     ----------
     recording : PointRecording
     named : mapping of str to int
         Column of each landmark that the labels do not tell.
+
+    Returns
+    -------
+    side : str
+        Empty where both are as likely.
+    likelihood : float
+        Of that side; of one above `SURE` there is no doubt.
     """
     hands = {hand.side: hand.columns for hand in hands_of(recording)}
     right = side_likelihood(recording, HandPoints('', {**hands.get('', {}), **named}))
-    return 'right' if right > SURE else 'left' if right < 1. - SURE else ''
+    return 'right' if right > .5 else 'left' if right < .5 else '', max(right, 1. - right)
 
 
 def _hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:

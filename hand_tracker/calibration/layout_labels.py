@@ -91,10 +91,11 @@ def labelled_layout(names: PointNames, layout: MarkerLayout,
         names, as wrist_1 and wrist_2.
     """
     found = []
+    # 'RNG6', say, may also be read as a right hand's 'NG6'.
+    without_side = _columns(layout, *(of.get('', {}) for of in names))
     for one in (side,) if side else SIDES:
-        mine = [column for of in names for column in of.get(one, {}).values()]
         columns = _columns(layout, *({**of.get('', {}), **of.get(one, {})} for of in names))
-        found.append(LabelledLayout(columns, one if set(columns) & set(mine) else ''))
+        found.append(LabelledLayout(columns, '' if columns == without_side else one))
     return max(found, key=lambda match: len(match.found))
 
 

@@ -139,7 +139,7 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
         chosen = choose_markers(recording, names=given)
         side = chosen.side
         if given and not (side or recording.side):
-            side = side_by_shape(recording, chosen.columns_of(given))
+            side, _ = side_by_shape(recording, chosen.columns_of(given))
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
         if not given and is_body_of_markers(recording):

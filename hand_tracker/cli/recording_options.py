@@ -58,7 +58,8 @@ def one_side(text: str) -> str:
     """Parse the side of a command that takes one hand; say what to do for both."""
     if text == BOTH:
         raise argparse.ArgumentTypeError('both: this command takes one hand at a time; expected '
-                                         '--side right, and the command again with --side left')
+                                         '--side right, and the command again with --side left; '
+                                         'hand_tracker track takes both')
     return text
 
 

@@ -17,7 +17,13 @@ from ..core.model.hand import BOTH
 from ..files.bags import BAG_CONTENTS, BagError
 from ..files.recordings import has_recording_suffix, is_named_as_recording
 from ..files.remote_files import Url, local_copy, matching, upload
-from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
+from ..files.written_kinds import (
+    OUTPUT_KINDS,
+    SKELETON_KINDS,
+    SKINNED_KIND,
+    TABLE,
+    TRACKED_KINDS,
+)
 from ..output_files import require_suffix
 from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
@@ -29,6 +35,7 @@ from .resumption import is_done, note_options
 from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
 ALREADY_THERE = 'already there'
+LATE = .02          # [s] after the recording that animators see a motion begin
 REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
 
 
@@ -42,6 +49,8 @@ class TrackedFile(NamedTuple):
         Frames, those with a hand, and of these those that show no palm.
     rate : float
         Frames in a second of work.
+    begins : float
+        How long after the recording, where the times of the output do not tell [s].
     """
 
     output: Path | Url
@@ -49,11 +58,14 @@ class TrackedFile(NamedTuple):
     tracked: int
     held: int
     rate: float
+    begins: float = 0.
 
     def __str__(self) -> str:
         remarks = f'{self.held} of them show no palm, ' if self.held else ''
         if self.tracked < self.read and PurePath(str(self.output)).suffix.lower() in OUTPUT_KINDS:
             remarks += 'the others are not written, '
+        if self.begins >= LATE:
+            remarks += f'it begins {self.begins:.2f} s after the recording, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
                 f'{self.rate:.0f} a second')
 
@@ -76,7 +88,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     if kind == SKINNED_KIND:
         require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))
-    start = time.monotonic()
+    start, begins = time.monotonic(), 0.
     refuse_to_replace(options.recording, output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
     with tracking_job(options, interrupted, progress) as job, interrupted.only_noted():
@@ -92,8 +104,10 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
             save_motion(output, tracked if options.side == BOTH else tracked.hands[0],
                         options.names, options.order,
                         0. if job.zero is None else 1e-9 * (tracked.start - job.zero))
+            if kind in SKELETON_KINDS:
+                begins = 1e-9 * (tracked.start - job.start)
     elapsed = time.monotonic() - start
-    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed)
+    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed, begins)
 
 
 def _track_located(options: argparse.Namespace, interrupted: Interruptions,

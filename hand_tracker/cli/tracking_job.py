@@ -97,6 +97,11 @@ class TrackingJob:
         return {side: tracker.hand for side, (tracker, _) in self._hands.items()}
 
     @property
+    def start(self) -> int:
+        """Time of the recording's first message [ns]."""
+        return self._bag.start
+
+    @property
     def zero(self) -> int | None:
         """Time at which the clock of a file of points is 0 [ns]."""
         return self._bag.zero

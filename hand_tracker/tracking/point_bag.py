@@ -102,7 +102,7 @@ class PointBag(Bag):
 
     def __init__(self, path: Path, choice: MarkerChoice) -> None:
         # Here, as the calibration imports scipy, for which a replay of messages need not wait.
-        from ..calibration.hand_axes import side_by_shape
+        from ..calibration.hand_axes import SURE, side_by_shape
         from ..calibration.hand_markers import marker_points
         from ..calibration.recorded_points import recorded_points
 
@@ -149,11 +149,13 @@ class PointBag(Bag):
             if choice.finds_side:
                 self._find_side()
         elif not hand.side:
-            by_shape = side_by_shape(recording, named)
+            by_shape, likelihood = side_by_shape(recording, named)
+            is_sure = likelihood > SURE
             self.hands = (hand._replace(side=choice.side or by_shape),)
             if by_shape and choice.side is None:
-                self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
-            elif by_shape and choice.side != by_shape:
+                doubt = '' if is_sure else f', by a likelihood of {likelihood:.2f}: is it?'
+                self.notes += (f'a {by_shape} hand, as its fingers bend{doubt} (--side)',)
+            elif is_sure and choice.side != by_shape:
                 self.notes += (f'its fingers bend as those of a {by_shape} hand: are --side, '
                                'labels, units and axes right?',)
         if recording.origin is not None:

@@ -29,6 +29,8 @@ class SettingNames(NamedTuple):
         What the markers come in, before the name of the topic or the file.
     reset : str
         What learns the size of another hand; empty where nothing does.
+    mirrored, axes : str
+        What mirrors an axis, and what says which one is up; empty where nothing does.
     """
 
     scale: str
@@ -40,6 +42,8 @@ class SettingNames(NamedTuple):
     marker: str = "'{label}' ({name})"
     messages: str = 'messages on'
     reset: str = ''
+    mirrored: str = ''
+    axes: str = ''
 
 
 PARAMETER_NAMES = SettingNames(
@@ -51,7 +55,7 @@ BAG_OPTION_NAMES = SettingNames(
     '--side {}', '--hand', '--frame')
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
     scale='--units', labels='--markers', label='--markers {}=LABEL', marker='{name}',
-    messages='frames of')
+    messages='frames of', mirrored=' (--handed left)', axes=' (--up)')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
                             r'|(units|up|side|handed|layout|markers|frame-rate|subject)'

@@ -37,6 +37,14 @@ def test_a_preset_is_found_by_its_own_names(name):
     np.testing.assert_array_equal(marker_points(recording, chosen), recording.points)
 
 
+@pytest.mark.parametrize('name', LAYOUT_PRESETS)
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_names_of_a_layout_say_no_side(name, side):
+    """Of Vicon's RNG6, say, the first letter is no right hand's."""
+    found = likely_layouts(recording_of(name, side))
+    assert {one.side for one in found if one.name == name} <= {side, 'unknown'}
+
+
 @pytest.mark.parametrize('name, spelling', [
     ('sig18_19', 'Anna:L{}'), ('optitrack_hand', 'L{}'), ('vicon_production5', 'L{}'),
     ('dfki13', 'left_{}'), ('mediapipe21', 'LEFT_{}')])

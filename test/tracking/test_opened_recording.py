@@ -10,6 +10,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from helpers.bodies import SimulatedBody
+from helpers.capture_files import capture_file
 from helpers.hands import markers_of
 from helpers.point_files import hand_recording
 
@@ -205,6 +206,14 @@ def test_a_cut_rosbag2_recording_is_tracked_as_far_as_it_goes(tracked, tmp_path,
     assert main(['inspect', str(cut), '--partial']) == 0
     output = capsys.readouterr().out
     assert 'note: cut: 240 whole messages are read' in output and output.endswith(' --partial\n')
+
+
+def test_the_likelier_side_is_taken_and_its_likelihood_told():
+    path = capture_file('files/sig18/user1_capture1_sequence1_left.trc')
+    bag = PointBag(path, MarkerChoice(layout=preset_layout('sig18_19')))
+    assert bag.hands[0].side == 'left'
+    assert any('a left hand, as its fingers bend, by a likelihood of 0.85: is it? (--side)' in note
+               for note in bag.notes)
 
 
 def test_a_side_that_is_asked_for_counts_more_than_the_shape(tmp_path):
@@ -785,6 +794,16 @@ def test_times_of_an_npz_file_that_are_none_are_refused(tmp_path, times):
         np.savez(tmp_path / 'bad.npz', **fields, times_s=np.array(times))
     with pytest.raises(RecordingError, match='bad.npz: times_s of shape .*; expected 3 increasing'):
         read_recording(tmp_path / 'bad.npz')
+
+
+@pytest.mark.parametrize('suffix', ['bvh', 'csv'])
+def test_a_motion_that_begins_later_than_the_recording_says_so(tmp_path, suffix, capsys):
+    recording, path = hand_recording(240), tmp_path / 'take.c3d'
+    recording.points[:60] = np.nan
+    write_recording(path, recording)
+    assert main(['track', str(path), '-o', str(tmp_path / f'out.{suffix}')]) == 0
+    late = 'it begins 0.50 s after the recording' in capsys.readouterr().out
+    assert late == (suffix == 'bvh')
 
 
 def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
