@@ -24,7 +24,7 @@ from ..files.written_kinds import (
     TABLE,
     TRACKED_KINDS,
 )
-from ..output_files import require_suffix
+from ..output_files import require_folder, require_suffix
 from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
 from ..skin.surface import require_surface_library
@@ -90,6 +90,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     prepare_kernels(partial(print, file=sys.stderr))
     start, begins = time.monotonic(), 0.
     refuse_to_replace(options.recording, output)
+    require_folder(output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
     with tracking_job(options, interrupted, progress) as job, interrupted.only_noted():
         if kind in OUTPUT_KINDS:

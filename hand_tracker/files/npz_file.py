@@ -52,7 +52,9 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
         raise
     # Damaged bytes raise whatever the parsers of zipfile and numpy do.
     except Exception as error:
-        reason = getattr(error, 'strerror', None)
+        # What is in a zip file is listed at its end.
+        reason = 'cut, or damaged' if isinstance(error, zipfile.BadZipFile) else getattr(
+            error, 'strerror', None)
         raise refusal(f'{path}: no npz file that can be read'
                       + (f' ({reason})' if reason else '')
                       + '; expected plain arrays, as numpy.savez writes them') from None

@@ -37,7 +37,7 @@ ROWS_AT_ONCE = 2**14       # frames that are converted at once
 FINEST_STAMP = 1e-9        # [s]: ROS 2 has whole nanoseconds
 MOST_FILLED = 20           # times as many frames as there are, with those that were left out
 # Names that systems give to markers that nobody labelled.
-ANONYMOUS = re.compile(r'|\*\d*|(unlabell?ed|unidentified|unnamed)\b.*', re.IGNORECASE)
+ANONYMOUS = re.compile(r'|\*\d*|(unlabell?ed|unidentified|unnamed)(?![a-z]).*', re.IGNORECASE)
 
 
 class RecordingError(HandTrackerError):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.point_files import hand_recording
 
+from hand_tracker.calibration.hand_labels import are_nameless
 from hand_tracker.calibration.hand_markers import UnknownMarkers, choose_markers, marker_points
 from hand_tracker.calibration.known_layouts import complete_layout, likely_layouts
 from hand_tracker.calibration.layout_labels import labelled_layout, point_names
@@ -35,6 +36,12 @@ def test_a_preset_is_found_by_its_own_names(name):
     assert found.name == name and found.likelihood > .5
     chosen = choose_markers(recording, layout=preset_layout(name))
     np.testing.assert_array_equal(marker_points(recording, chosen), recording.points)
+
+
+@pytest.mark.parametrize('labels, expected', [
+    (('M000', 'M001', ''), True), (('leds/3', '4'), True), (('C7', 'T10', 'Index'), False)])
+def test_numbers_are_no_names(labels, expected):
+    assert are_nameless(labels) is expected
 
 
 @pytest.mark.parametrize('name', LAYOUT_PRESETS)

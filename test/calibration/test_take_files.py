@@ -76,6 +76,14 @@ def test_a_damaged_npz_file(tmp_path, fields):
         load_take(path)
 
 
+def test_a_cut_npz_file_is_told_as_such(tmp_path, fields):
+    path = tmp_path / 'take.npz'
+    np.savez(path, **fields)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InvalidTake, match='no npz file that can be read .cut, or damaged.; exp'):
+        load_take(path)
+
+
 def test_no_npz_file(tmp_path):
     path = tmp_path / 'take.npz'
     path.write_text('no array')
