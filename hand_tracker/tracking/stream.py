@@ -15,6 +15,7 @@ import numpy as np
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
+from ..core.model.states import MarkerState
 from ..core.numerics.jit import DEFERRED, LABELLING_IS_DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
 from ..core.point_labelling.cloud_labeller import load_kernels as load_labelling_kernels
@@ -265,15 +266,18 @@ class Stream:
         tracker = self.tracker
         if self.take is not None:
             self.take.add(markers.positions, time)
-        if self._auto_size is not None and self._auto_size.is_learning:
-            self._learn_size(markers.positions, time)
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
-        return TrackedFrame(
+        frame = TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
             tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
             tracker.hand.limits)
+        if self._auto_size is not None and self._auto_size.is_learning:
+            # With exchanged labels that the tracker has put right.
+            is_swapped = (state.marker_states == MarkerState.SWAPPED)[:, None]
+            self._learn_size(np.where(is_swapped, state.markers, markers.positions), time)
+        return frame
 
     @property
     def size(self) -> str:

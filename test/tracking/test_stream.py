@@ -27,6 +27,12 @@ STAMP = Stamp(5, 0)
 RECEIPT = Stamp(70, 0)
 
 
+class State(str):
+    """A state with all markers seen."""
+
+    marker_states, markers = np.zeros(8, dtype=int), RESTING
+
+
 class Tracker:
     """A tracker that notes what it is given."""
 
@@ -39,7 +45,7 @@ class Tracker:
 
     def update(self, *given):
         self.updates.append(given)
-        return 'a state'
+        return State('a state')
 
     def configure(self, *given):
         self.hand, *_ = given
@@ -180,6 +186,24 @@ def test_no_angle_jumps_where_the_size_is_learned():
     fastest = np.abs(np.diff(angles[:, pip])).max()
     # At most the re-entry rate faster than the motion, once the first frames have placed the hand.
     assert np.abs(np.diff(found[10:, pip])).max() < 5. * period + fastest
+
+
+def test_the_size_is_learned_by_labels_that_were_put_right():
+    hand, period = Hand.scaled(.205, .095), .01
+    angles, *wrist = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
+    positions = markers_of(hand, angles, None, *wrist)
+    learned = []
+    for order in ([0, 1, 2], [0, 2, 1]):
+        exchanged = positions.copy()
+        exchanged[:, :3] = positions[:, order]
+        mean = Hand.scaled()
+        stream = Stream(HandTracker(mean), Reader(), AutoSize(mean, MarkerLayout()))
+        for number, frame in enumerate(exchanged):
+            stream.track([markers(stamp_of(round(1e9 * (1. + number * period))))
+                          ._replace(positions=frame)], 2., no_receipt)
+        assert stream.size == 'learned'
+        learned.append(stream.tracker.hand.finger_bones)
+    assert np.abs(learned[1] - learned[0]).max() < 1e-3
 
 
 @pytest.mark.parametrize('are_right', [True, False])
