@@ -397,7 +397,7 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
     if left_out > 0.:
         note = f'frames that the file leaves out: {left_out:.0f}'
     if table.is_cut or expected is not None and frames < expected and not (
-            last - first + 1. >= expected):
+            last - first + 1. >= expected or last == expected):
         note = f'cut: {frames} whole frames' + (f' of {expected}' if expected else '')
         if not partial or not frames:
             raise table.fault(f'{note}; expected a whole file'

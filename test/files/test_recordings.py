@@ -295,6 +295,18 @@ def test_a_cut_file_is_refused_or_read_as_far_as_it_goes(tmp_path, suffix):
     assert read > 10
 
 
+def test_the_later_half_of_a_trc_file_is_whole(tmp_path):
+    """Its header counts all frames, as of the take that it was cut out of."""
+    recording = hand_recording(30)
+    path = written(tmp_path, recording, '.trc')
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(''.join((*lines[:-30], *lines[-12:])))
+    np.testing.assert_allclose(read_recording(path).points, recording.points[18:], atol=2e-7)
+    path.write_text(''.join((*lines[:-30], *lines[-12:-1])))
+    with pytest.raises(RecordingError, match='cut: 11 whole frames of 30'):
+        read_recording(path)
+
+
 BVH_TEXT = ('HIERARCHY\nROOT hand\n{{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}}\n'
             'MOTION\nFrames: 2\nFrame Time: 0.01\n{}')
 
