@@ -89,9 +89,13 @@ def first_complete(layouts: Sequence[LikelyLayout]) -> LikelyLayout | None:
 
 def has_both(recording: PointRecording, layouts: Sequence[LikelyLayout], name: str) -> bool:
     """Return whether labels name both hands, with all markers of a preset on each."""
-    named = {hand.side for hand in hands_of(recording)}
-    complete = {one.side for one in layouts if one.name == name and one.is_complete}
-    return set(SIDES) <= named & complete
+    complete = {one.side: one.likelihood for one in layouts
+                if one.name == name and one.is_complete}
+    if not set(SIDES) <= complete.keys():
+        return False
+    # Of one hand whose side its shape alone tells the likelihoods add up to 1 at most.
+    return set(SIDES) <= {hand.side for hand in hands_of(recording)} or (
+        sum(complete[side] for side in SIDES) > 1.)
 
 
 def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:

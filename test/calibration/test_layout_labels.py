@@ -6,7 +6,7 @@ from helpers.point_files import hand_recording
 
 from hand_tracker.calibration.hand_labels import are_nameless
 from hand_tracker.calibration.hand_markers import UnknownMarkers, choose_markers, marker_points
-from hand_tracker.calibration.known_layouts import complete_layout, likely_layouts
+from hand_tracker.calibration.known_layouts import complete_layout, has_both, likely_layouts
 from hand_tracker.calibration.layout_labels import labelled_layout, point_names
 from hand_tracker.calibration.layout_names import names_in_layout
 from hand_tracker.core.errors import InvalidLayout
@@ -36,6 +36,19 @@ def test_a_preset_is_found_by_its_own_names(name):
     assert found.name == name and found.likelihood > .5
     chosen = choose_markers(recording, layout=preset_layout(name))
     np.testing.assert_array_equal(marker_points(recording, chosen), recording.points)
+
+
+@pytest.mark.parametrize('name, spelling', [
+    ('vicon_production5', '{}{}'), ('optitrack_hand', '{}{}'), ('sig18_19', '{}{}'),
+    ('mediapipe21', '{}_{}')])
+def test_labels_of_both_hands_are_found(name, spelling):
+    hands = [recording_of(name, side, spelling.format(side[0].upper(), '{}'))
+             for side in ('right', 'left')]
+    both = hands[0]._replace(labels=sum((one.labels for one in hands), ()),
+                             points=np.concatenate([one.points for one in hands], axis=1))
+    assert has_both(both, likely_layouts(both), name)
+    for one in (*hands, recording_of(name)):
+        assert not has_both(one, likely_layouts(one), name)
 
 
 @pytest.mark.parametrize('labels, expected', [
