@@ -35,7 +35,7 @@ from .resumption import is_done, note_options
 from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
 ALREADY_THERE = 'already there'
-LATE = .02          # [s] after the recording that animators see a motion begin
+LATE_START = .02    # [s] after the recording that animators see a motion begin
 REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
 
 
@@ -64,7 +64,7 @@ class TrackedFile(NamedTuple):
         remarks = f'{self.held} of them show no palm, ' if self.held else ''
         if self.tracked < self.read and PurePath(str(self.output)).suffix.lower() in OUTPUT_KINDS:
             remarks += 'the others are not written, '
-        if self.begins >= LATE:
+        if self.begins >= LATE_START:
             remarks += f'it begins {self.begins:.2f} s after the recording, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
                 f'{self.rate:.0f} a second')

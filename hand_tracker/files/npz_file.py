@@ -52,10 +52,10 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
         raise
     # Damaged bytes raise whatever the parsers of zipfile and numpy do.
     except Exception as error:
+        reason = getattr(error, 'strerror', None)
         # What is in a zip file is listed at its end.
-        reason = 'cut, or damaged' if isinstance(error, zipfile.BadZipFile) else getattr(
-            error, 'strerror', None)
-        raise refusal(f'{path}: no npz file that can be read'
+        is_cut = isinstance(error, zipfile.BadZipFile) and not zipfile.is_zipfile(path)
+        raise refusal(f'{path}: {"cut: " * is_cut}no npz file that can be read'
                       + (f' ({reason})' if reason else '')
                       + '; expected plain arrays, as numpy.savez writes them') from None
 

@@ -174,6 +174,18 @@ def test_a_palm_marker_vanishes_where_it_last_was_though_another_vanished_shortl
     assert np.linalg.norm(state.markers[second] - expected) < 1.5e-3
 
 
+@pytest.mark.parametrize('other', ['index_pip', 'index_tip'])
+def test_a_palm_does_not_cup_as_a_knuckle_has_the_label_of_another_marker(other):
+    layout, moved = preset_layout('kyutech23'), motion(30)
+    frames = markers_of(layout, moved)
+    rows = [layout.places.index('little_mcp'), layout.places.index(other)]
+    clean = tracked(HandTracker(HAND, layout), frames)
+    frames[10:, rows] = frames[10:, rows[::-1]]
+    states = tracked(HandTracker(HAND, layout), frames)
+    arch = np.degrees([state.angles[[10, 15]] for state in (clean[-1], states[-1])])
+    assert np.abs(arch[1] - arch[0]).max() < .1
+
+
 @pytest.mark.parametrize('hidden', [('wrist', 'index_mcp'), ('wrist', 'little_mcp')])
 @pytest.mark.parametrize('side', ['right', 'left'])
 def test_the_knuckles_that_are_left_say_nothing_of_the_wrist(side, hidden):

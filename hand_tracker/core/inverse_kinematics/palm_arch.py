@@ -45,6 +45,7 @@ PALM_STEP_SPREADS = (1., .3)          # [rad, m] of one step: what no marker con
 SETTLED_PALM = 1e-11                  # [rad², m²] of the step after which there is none
 PALM_OUTLIER = .015                   # [m] distance at which a marker's weight falls to a quarter
 FIRST_PALM_OUTLIER = .04              # [m] in the second step; the first takes all markers alike
+MOST_OUTLIERS = 2.                    # [1] such distances beyond which it is of no weight
 LOST_PALM = .03                       # [m] of the markers from the last pose: begin anew
 # Standard deviations of the CMC flexions from flat: index and middle, ring about its share of the
 # little's, little [rad]. Flexion ranges over 11, 7, 20 and 27 degrees, El-shennawy et al. (2001),
@@ -383,6 +384,8 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
         # By how far a marker is off its place, shifted or not: as shifts fade the weights stay.
         off = add((ex, ey, ez), rotate_about_y(
             expected_shift(rows, state, row), _flexion(rows, state, row)))
+        if length(off) > MOST_OUTLIERS * outlier:
+            continue
         loss = 1. + dot(off, off) / (outlier * outlier)
         weight = 1. / (rows.variance[row] * loss * loss)
         by[:] = 0.
