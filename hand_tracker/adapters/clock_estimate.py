@@ -5,7 +5,7 @@ from above; a request sent at `local` that is answered with the time `remote` bo
 Delays vary, bounds do not lie: the offset is the straight line with the widest margin between the
 bounds of the last half minute, its slope the clocks' drift. So no delay enters but half the
 difference of the least delays of both ways, and nothing accumulates. Where a tighter bound moves
-the line back, times go on more slowly until they are on it, and never step back.
+the line back by less than 0.1 s, times do not step back but go on more slowly until they are on it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FINE_DRIFTS = np.array(sorted(
 LONGEST_LOOK = 50_000  # [ns] at two clocks, if nothing comes in between
 TOLERANCE = .001       # [s] by which bounds may contradict each other before all begins anew
 CATCH_UP = .1          # [1] by which times go on more slowly while they are ahead of the line
-MOST_AHEAD = .1        # [s] of the line; farther back it moves when a clock was set
+MOST_AHEAD = .1        # [s] ahead of the line; where that is farther back, a clock was set
 
 
 class ClockLine(NamedTuple):
@@ -134,10 +134,10 @@ class ClockEstimate:
         upper = self._upper[np.isfinite(self._upper[:, 1])]
         lower = self._lower[np.isfinite(self._lower[:, 1])]
         times = np.concatenate((upper[:, 0], lower[:, 0]))
-        centre, offset, drift = float(times.mean()), math.nan, self._line.drift
+        centre, offset, drift = float(times.mean()), math.nan, 0.
         margin = math.inf
-        for about, drifts in ((0., COARSE_DRIFTS), (1., FINE_DRIFTS)):
-            tried = about * drift + drifts
+        for drifts in (COARSE_DRIFTS, FINE_DRIFTS):
+            tried = drift + drifts
             above = (upper[:, 1] - tried[:, None] * (upper[:, 0] - centre)).min(
                 axis=1, initial=np.inf)
             below = (lower[:, 1] - tried[:, None] * (lower[:, 0] - centre)).max(

@@ -31,7 +31,7 @@ JOINED_LABEL = re.compile(
     r'([rl]?)(?:(thumb|index|middle|ring|little|pink(?:y|ie))(cmc|mcp|pip|dip|ip|tip)|(wrist))'
     r'([rl]?)', re.IGNORECASE)
 ROKOKO_FINGER = re.compile(r'finger ([1-5]) ?([a-z]+)')    # the thumb is the first
-NAMELESS = re.compile(r'|[A-Za-z]?\d+')
+NUMBERED_LABEL = re.compile(r'|[A-Za-z]?\d+')
 # Joint at the beginning of a bone, of fingers and of the thumb.
 FINGER_BONES = {'metacarpal': 'cmc', 'mc': 'cmc', 'proximal': 'mcp', 'pp': 'mcp', '1': 'mcp',
                 'intermediate': 'pip', 'medial': 'pip', 'mp': 'pip', '2': 'pip',
@@ -103,8 +103,8 @@ def ids_of_both_hands(layout: MarkerLayout) -> HandIds:
 
 
 def are_nameless(labels: Iterable[str]) -> bool:
-    """Return whether labels name nothing: there are none, or numbers, as 'leds/3' or 'M003'."""
-    return all(NAMELESS.fullmatch(label.rpartition('/')[2]) for label in labels)
+    """Return whether labels name nothing: there are none, or numbers, as 'leds/3', 'Ann:M003'."""
+    return all(NUMBERED_LABEL.fullmatch(re.split('[/:]', label)[-1]) for label in labels)
 
 
 def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:

@@ -133,6 +133,11 @@ def rigid_set(points: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of bool, shape (k,)
+
+    Raises
+    ------
+    InvalidTake
+        If no three are ever seen together.
     """
     count = points.shape[1]
     _, distances = _sampled(points)
@@ -142,6 +147,9 @@ def rigid_set(points: np.ndarray) -> np.ndarray:
     best = min(combinations(range(count), 3), key=lambda three: max(
         change[i, j] for i, j in combinations(three, 2)))
     usual = max(change[i, j] for i, j in combinations(best, 2))
+    if not np.isfinite(usual):
+        raise InvalidTake('no three markers of the palm are ever seen together; expected takes '
+                          'with the same markers on the palm')
     allowed = max(RIGID_CHANGE, RIGID_RATIO * usual)
     return np.array([all(change[i, j] <= allowed for j in best) for i in range(count)])
 

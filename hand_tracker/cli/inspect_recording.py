@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.hand_axes import is_body, likelier_unit, mirrored_hands, side_by_shape
+from ..calibration.hand_axes import SURE, is_body, likelier_unit, mirrored_hands, side_by_shape
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
@@ -139,7 +139,8 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
         chosen = choose_markers(recording, names=given)
         side = chosen.side
         if given and not (side or recording.side):
-            side, _ = side_by_shape(recording, chosen.columns_of(given))
+            by_shape, likelihood = side_by_shape(recording, chosen.columns_of(given))
+            side = by_shape if likelihood > SURE else ''    # `track` tells of a doubt
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
         if not given and is_body_of_markers(recording):

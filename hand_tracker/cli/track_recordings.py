@@ -35,7 +35,7 @@ from .resumption import is_done, note_options
 from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
 ALREADY_THERE = 'already there'
-LATE_START = .02    # [s] after the recording that animators see a motion begin
+LATE_START = .02    # [s] after which a motion is said to begin late
 REASON_WIDTH = 80   # [characters] in the summary; the whole is printed before
 
 
@@ -87,10 +87,10 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     kind = output.suffix.lower()
     if kind == SKINNED_KIND:
         require_surface_library()
-    prepare_kernels(partial(print, file=sys.stderr))
-    start, begins = time.monotonic(), 0.
     refuse_to_replace(options.recording, output)
     require_folder(output)
+    prepare_kernels(partial(print, file=sys.stderr))
+    start = time.monotonic()
     # The frames look for an interruption: it never comes while a file is begun or ended.
     with tracking_job(options, interrupted, progress) as job, interrupted.only_noted():
         if kind in OUTPUT_KINDS:
@@ -105,10 +105,9 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
             save_motion(output, tracked if options.side == BOTH else tracked.hands[0],
                         options.names, options.order,
                         0. if job.zero is None else 1e-9 * (tracked.start - job.zero))
-            if kind in SKELETON_KINDS:
-                begins = 1e-9 * (tracked.start - job.start)
     elapsed = time.monotonic() - start
-    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed, begins)
+    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed,
+                       job.late if kind in SKELETON_KINDS else 0.)
 
 
 def _track_located(options: argparse.Namespace, interrupted: Interruptions,

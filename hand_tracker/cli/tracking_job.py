@@ -76,6 +76,8 @@ class TrackingJob:
         Of the hands.
     read, tracked, held : int
         Number of messages read, of those with a tracked hand, and of these without any palm.
+    late : float
+        Time from the beginning of the recording to the first tracked frame [s].
     """
 
     def __init__(self, bag: Bag, topic: str, interrupted: Interruptions,
@@ -85,6 +87,7 @@ class TrackingJob:
         (tracker, _), *_ = hands.values()
         self.layout = tracker.layout
         self.read = self.tracked = self.held = 0
+        self.late = 0.
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
         self._progress = progress(bag.counts[topic], 'frames')
         self._hands, self._learns_size = hands, learns_size
@@ -95,11 +98,6 @@ class TrackingJob:
     def hands(self) -> dict[str, Hand]:
         """Return the hands of the last frame by their sides: their size may have been learned."""
         return {side: tracker.hand for side, (tracker, _) in self._hands.items()}
-
-    @property
-    def start(self) -> int:
-        """Time of the recording's first message [ns]."""
-        return self._bag.start
 
     @property
     def zero(self) -> int | None:
@@ -133,6 +131,8 @@ class TrackingJob:
                 self.say(self._whose(side) + warning)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
+            if not self.tracked:
+                self.late = 1e-9 * (next(iter(frames.values())).time - self._bag.start)
             self.tracked += 1
             shown = [side for side, frame in frames.items() if frame.state.palm in PALM_SEEN]
             self._palms.update(shown)

@@ -53,7 +53,7 @@ def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
     # Damaged bytes raise whatever the parsers of zipfile and numpy do.
     except Exception as error:
         reason = getattr(error, 'strerror', None)
-        # What is in a zip file is listed at its end.
+        # A zip file ends with its index: without it, it was cut.
         is_cut = isinstance(error, zipfile.BadZipFile) and not zipfile.is_zipfile(path)
         raise refusal(f'{path}: {"cut: " * is_cut}no npz file that can be read'
                       + (f' ({reason})' if reason else '')

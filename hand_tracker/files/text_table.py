@@ -440,6 +440,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
         Cell of a coordinate of a missing point.
     line_end : str, optional
     first : int, optional
+        Number of the first frame.
     """
     count = recording.points.shape[1]
     line = delimiter.join([f'%.{decimals}f'] * (3 * count))

@@ -22,6 +22,8 @@ class FitCheck:
     ----------
     residual : float
         Of the last frame, 0 without a marker [m].
+    mean : float
+        Of all tracked frames, 0 without one [m].
     misfit : float
         Mean over the last `FIT_AFTER` of tracking [m].
     is_off : bool
@@ -34,13 +36,15 @@ class FitCheck:
 
     def __init__(self) -> None:
         self.residual = 0.
-        self.is_off = self.has_fitted = False
+        self.is_off = False
         self._off_since: float | None = None
         self.forget()
 
     def forget(self) -> None:
         """Begin the mean anew, as of another hand or by other labels."""
         self.misfit, self.is_misfit = 0., False
+        self.mean, self.has_fitted = 0., False
+        self._frames = 0
         self._last: float | None = None
         self._seconds = self._total = 0.
 
@@ -60,8 +64,11 @@ class FitCheck:
         """
         is_seen = not math.isnan(residual)
         self.residual = residual if is_seen else 0.
+        if is_tracked and is_seen:
+            self._frames += 1
+            self.mean += (residual - self.mean) / self._frames
+            self.has_fitted |= residual <= OFF_HAND_DISTANCE
         if not is_tracked or self.residual <= OFF_HAND_DISTANCE:
-            self.has_fitted |= is_tracked
             self._off_since = None
         elif self._off_since is None:
             self._off_since = now

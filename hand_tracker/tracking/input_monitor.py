@@ -206,10 +206,11 @@ class InputMonitor:
         """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
         miss = self.fit.end()
-        if self._started is not None and not (self.fit.has_fitted or self.is_wrong):
+        if not (self.fit.has_fitted or self.is_wrong) and self.fit.mean > OFF_HAND_DISTANCE:
             # However few frames they are, all being off tells of a wrong setting.
-            miss = self.fit.residual
-            self.warn_once('fit', f'in every frame {self._off(miss)}: {self._why_off(miss)}?')
+            miss = self.fit.mean
+            self.warn_once(
+                'fit', f'in every tracked frame {self._off(miss)}: {self._why_off(miss)}?')
         if miss is None:
             return
         self._warn_of_bad_fit(miss)

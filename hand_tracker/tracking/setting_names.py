@@ -55,7 +55,7 @@ BAG_OPTION_NAMES = SettingNames(
     '--side {}', '--hand', '--frame')
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
     scale='--units', labels='--markers', label='--markers {}=LABEL', marker='{name}',
-    messages='frames of', mirrored=' (--handed left)', axes=' (--up)')
+    messages='frames of', mirrored='--handed left', axes='--up')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
                             r'|(units|up|side|handed|layout|markers|frame-rate|subject)'

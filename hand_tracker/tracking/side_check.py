@@ -112,9 +112,10 @@ def _are_beyond(depths: np.ndarray) -> bool:
 def side_fault(side: str, names: SettingNames) -> str:
     """Return what is wrong where fingers bend away from the palm of a hand of a side."""
     other = OTHER_SIDE[side]
+    mirrored, axes = (f' ({name})' if name else '' for name in (names.mirrored, names.axes))
     return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
             f'{names.side.format(other)} if it is a {other} one, else an axis is mirrored'
-            f'{names.mirrored}, or two are exchanged{names.axes}')
+            f'{mirrored}, or two are exchanged{axes}')
 
 
 def recorded_side_fault(frames: Iterable[tuple[float, np.ndarray]], side: str,

@@ -13,6 +13,7 @@ def test_both_sides_are_one_after_the_other_where_a_command_takes_one(main, argu
         main([*arguments, '--side', 'both'])
     said = capsys.readouterr().err
     assert 'both: this command takes one hand at a time; expected --side right, and' in said
+    assert 'hand_tracker track takes both' in said
     assert said.count('\n') == 1
 
 

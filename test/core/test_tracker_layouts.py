@@ -1,5 +1,9 @@
 """The tracker with layouts of any markers: accuracy, hidden markers, the palm's arch."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from helpers.capture_files import capture_path
@@ -184,6 +188,48 @@ def test_a_palm_does_not_cup_as_a_knuckle_has_the_label_of_another_marker(other)
     states = tracked(HandTracker(HAND, layout), frames)
     arch = np.degrees([state.angles[[10, 15]] for state in (clean[-1], states[-1])])
     assert np.abs(arch[1] - arch[0]).max() < .1
+
+
+PLAIN_PYTHON = """
+import sys
+import numpy as np
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.tracker import HandTracker
+tracker = HandTracker(Hand.scaled(), preset_layout('kyutech23'))
+states = [tracker.update(frame, i / 120.) for i, frame in enumerate(np.load(sys.argv[1]))]
+assert not tracker.is_compiled
+np.save(sys.argv[1], [(*state.wrist_position, *state.angles, state.palm) for state in states])
+"""
+
+
+def test_plain_python_tracks_a_palm_of_knuckles_as_the_kernels_do(tmp_path):
+    layout = preset_layout('kyutech23')
+    frames = markers_of(layout, motion(24))
+    hidden = [row for row, place in enumerate(layout.places) if place == 'wrist']
+    frames[8:, hidden] = np.nan
+    frames[16:, layout.places.index('index_mcp')] = np.nan
+    np.save(tmp_path / 'frames.npy', frames)
+    subprocess.run([sys.executable, '-c', PLAIN_PYTHON, str(tmp_path / 'frames.npy')], check=True,
+                   env={**os.environ, 'HAND_TRACKER_JIT': '0',
+                        'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+    compiled = [(*state.wrist_position, *state.angles, state.palm)
+                for state in tracked(HandTracker(HAND, layout), frames)]
+    np.testing.assert_allclose(np.load(tmp_path / 'frames.npy'), compiled, atol=1e-6)
+
+
+@pytest.mark.parametrize('hidden', [('index_dip', 'index_tip'), ('ring_mcp', 'index_mcp')])
+def test_a_still_hand_does_not_creep_as_its_markers_vanish_by_turns(hidden):
+    layout = preset_layout('kyutech23')
+    markers = markers_of(layout, motion(1, start=1.))[0]
+    markers += np.random.default_rng(2).normal(scale=.003, size=markers.shape)
+    tracker = HandTracker(HAND, layout)
+    before = tracked(tracker, 120 * [markers])[-1].angles
+    for frame in range(1200):
+        seen = markers.copy()
+        seen[layout.places.index(hidden[frame // 12 % 2])] = np.nan
+        after = tracker.update(seen, (120 + frame) / RATE).angles
+    assert np.degrees(np.abs(after - before).max()) < 1.5
 
 
 @pytest.mark.parametrize('hidden', [('wrist', 'index_mcp'), ('wrist', 'little_mcp')])

@@ -188,6 +188,13 @@ def test_qualisys_files_with_and_without_columns(tmp_path, lead, columns):
     assert np.isnan(found.points[:, 1]).all()
 
 
+def test_points_that_nobody_labelled_have_no_label(tmp_path):
+    recording = hand_recording(5)
+    names = ('Unlabeled3', 'unlabelled 4', 'Unnamed', '*7', 'Unlabeledness', *recording.labels[5:])
+    path = written(tmp_path, recording._replace(labels=names), '.c3d')
+    assert sorted(read_recording(path).labels) == sorted(('',) * 4 + names[4:])
+
+
 def test_decimal_commas_of_a_localised_table_are_read(tmp_path):
     text = QTM.format(names='MARKER_NAMES\tA\tB\n', columns='',
                       rows='1,5\t2,5\t3,5\t4,5\t5,5\t6,5\n' * 2)

@@ -802,6 +802,9 @@ def test_a_motion_that_begins_later_than_the_recording_says_so(tmp_path, suffix,
     assert main(['track', str(path), '-o', str(tmp_path / f'out.{suffix}')]) == 0
     late = 'it begins 0.50 s after the recording' in capsys.readouterr().out
     assert late == (suffix == 'bvh')
+    assert main(['track', str(path), '-o', str(tmp_path / f'absent/out.{suffix}')]) == 1
+    said = capsys.readouterr().err
+    assert 'expected one to write into' in said and 'tracking' not in said
 
 
 def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):

@@ -302,7 +302,8 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
         place, end = _marker_on_digit(rows, state, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         link = rows.link[row]
-        # By how far a marker is off its place, shifted or not: as shifts fade the weights stay.
+        # By how far a marker is off its place, shifted or not: as shifts fade the weights stay. The
+        # gradient takes them for those of the shifted distance, which few markers are far off.
         off = add(miss, rotate(_axes_of_link(workspace, link), expected_shift(rows, state, row)))
         loss = 1. + dot(off, off) / (OUTLIER * OUTLIER)
         cost += dot(miss, miss) / (rows.variance[row] * loss)
@@ -474,7 +475,7 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
     changed : ndarray of bool, shape (5,)
         Digits whose evidence changed.
     angles : ndarray, shape (25,)
-        Replaced for digits that are solved well [rad].
+        Of the last frame, replaced for digits that are solved well [rad].
     step : float
         Since the last frame [s].
     """
@@ -507,7 +508,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         Its `angles` and `deviation` are replaced, its skin shifts are updated.
     seen : ndarray of bool, shape (8,)
     angles : ndarray, shape (25,)
-        Replaced for digits that are solved by several markers [rad].
+        By the principal markers, replaced for digits that are solved well by all theirs [rad].
     step : float
         Since the last frame [s].
     """
@@ -524,7 +525,8 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)
-            _learn_shifts(rows, state, digit, step, workspace)
+            if state.learns_shift[digit]:
+                _learn_shifts(rows, state, digit, step, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
                 angles[joint] = state.angles[joint]

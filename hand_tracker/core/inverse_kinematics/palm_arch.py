@@ -54,8 +54,8 @@ CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
 LEAST_FREE = 4                        # markers of the palm that determine an arch
-# [m] Palm markers that are no farther from a line leave the turn about it open: so are those of the
-# skin over the knuckles, 6 to 7 mm off it.
+# [m] Palm markers that are no farther from a line leave the turn about it open: so are those on the
+# skin of the knuckles, Kyutech's 6 to 7 mm off it; joint centres are 10 to 11. Ours.
 COLLINEAR_WIDTH = .009
 
 
@@ -118,9 +118,9 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
                        seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    Hidden principal markers count as seen, those nearest to the measured ones first, up to the
-    number of these; up to two where these are on a line, so that the digits hold the palm. As one
-    vanishes, the others keep their `skin_shift`.
+    Hidden principal markers count as seen, those nearest to the line of the measured ones first, up
+    to the number of these; up to two where these are on it, so that the digits hold the palm. As
+    one vanishes, the others keep their `skin_shift`.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         return
     if on_a_line:
         count = min(count, 2)
-    else:
+    elif state.learns_shift[ON_WRIST]:
         _learn_palm_shifts(rows, state, fitted, step)
     _count_as_seen(rows, state, count, seen)
     axes, origin = frame(fitted.rotation), vector(fitted.position)
@@ -177,12 +177,14 @@ def _count_as_seen(rows: MarkerRows, state: RowState, count: int, seen: np.ndarr
     seen : ndarray of bool, shape (n,)
         Changed.
     """
-    for _ in range(count):
-        if seen[0] + seen[1] + seen[2] >= min(count, 3):
-            return
-        nearest = -1
-        least = math.inf
-        a, b = _line_ends(rows, state)
+    shown = 0
+    for i in range(3):
+        shown += 1 if seen[i] else 0
+    if shown >= min(count, 3):
+        return
+    a, b = _line_ends(rows, state)
+    for _ in range(min(count, 3) - shown):
+        nearest, least = 0, math.inf
         for i in range(3):
             off = _off_line(rows, i, a, b)
             if not seen[i] and off < least:

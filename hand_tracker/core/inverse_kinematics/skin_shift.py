@@ -2,8 +2,8 @@
 
 Skin slides over the bones by millimetres (soft-tissue artefact). A marker of several on a digit, or
 of more than three on the palm, that vanishes takes its pull with it, and the pose would jump.
-From then on all are expected as far off their places as they last were together, which fades.
-Ours; no source.
+From then on all are expected as far off their places as they last were together, which fades:
+slowly, but at once when all are seen again. Ours; no source.
 """
 
 from ..model.marker_rows import ON_WRIST, MarkerRows, RowState
@@ -20,11 +20,15 @@ MOST_SKIN_SHIFT = .02       # [m] a marker that is farther off is another, and h
 def fade_skin_shifts(rows: MarkerRows, state: RowState, digit: int, step: float) -> None:
     """Take the shifts of a digit wholly into account as one of its markers vanishes, then less.
 
+    They are learned while all markers are seen: by those that are left, what is expected of one
+    that is hidden would drift with each other one that vanishes.
+
     Parameters
     ----------
     rows : MarkerRows
     state : RowState
-        Its `skin_shift_share` is updated, its skin shifts where a marker vanishes.
+        Its `skin_shift_share` and `learns_shift` are updated, its skin shifts where a marker
+        vanishes.
     digit : int
         `ON_WRIST` for the palm.
     step : float
@@ -37,10 +41,12 @@ def fade_skin_shifts(rows: MarkerRows, state: RowState, digit: int, step: float)
             has_vanished = has_vanished or state.was_measured[row]
     if not has_vanished:
         fade_time = WHOLE_FADE_TIME if is_whole else SKIN_SHIFT_FADE_TIME
-        state.skin_shift_share[digit] = max(
-            state.skin_shift_share[digit] - step / fade_time, 0.)
+        share = max(state.skin_shift_share[digit] - step / fade_time, 0.)
+        state.skin_shift_share[digit] = share
+        state.learns_shift[digit] = is_whole or share == 0.
         return
     state.skin_shift_share[digit] = 1.
+    state.learns_shift[digit] = False
     for row in range(rows.used[0]):
         if rows.digit[row] == digit:
             store(state.skin_shift, row, vector(state.seen_shift[row]))

@@ -176,11 +176,14 @@ class RowState(NamedTuple):
     targets : ndarray, shape (5, 3)
         The digits' filtered principal markers in the wrist's frame, the palm laid flat [m].
     is_solved : ndarray of bool, shape (5,)
-        Digits that all their markers have solved in this frame, so that the principal one need not.
+        Digits solved by Gauss-Newton in this frame, so that the closed form need not.
     is_followed : ndarray of bool, shape (5,)
         The others whose principal marker is seen.
+    learns_shift : ndarray of bool, shape (6,)
+        Whether shifts of each digit, and of the palm, are learned in this frame.
     seen_shift : ndarray, shape (65, 3)
-        How far each marker is off its place, in the frame of its link, as last seen [m].
+        How far each marker is off its place, in the frame of its link, as last seen with all others
+        of its digit, or of the palm [m].
     seen_shift_angles : ndarray, shape (25,)
         Angles with these shifts [rad].
     skin_shift, skin_shift_angles : ndarray, shape (65, 3) and (25,)
@@ -202,6 +205,7 @@ class RowState(NamedTuple):
     targets: np.ndarray
     is_solved: np.ndarray
     is_followed: np.ndarray
+    learns_shift: np.ndarray
     seen_shift: np.ndarray
     seen_shift_angles: np.ndarray
     skin_shift: np.ndarray
@@ -218,5 +222,6 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
+                    np.zeros(len(DIGITS) + 1, dtype=bool),
                     np.zeros((ROW_CAPACITY, 3)), relaxed.copy(), np.zeros((ROW_CAPACITY, 3)),
                     relaxed.copy(), np.zeros(len(DIGITS) + 1))
