@@ -44,8 +44,8 @@ def pytest_configure(config):
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
-    # One compiles all: kernels that two compile beside each other may differ in their last bits. The
-    # other leaves the byte code of the tests, which every worker would make anew.
+    # One compiles all: kernels that two compile beside each other may differ in their last bits.
+    # The other leaves the byte code of the tests, which every worker would make anew.
     run_together((COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE,),
                  ('pytest', '--collect-only', '--numprocesses=0', *config.args))
 
