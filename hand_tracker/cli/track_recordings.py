@@ -49,8 +49,8 @@ class TrackedFile(NamedTuple):
         Frames, those with a hand, and of these those that show no palm.
     rate : float
         Frames in a second of work.
-    begins : float
-        How long after the recording, where the times of the output do not tell [s].
+    late : float
+        As of `TrackingJob`, 0 where the times of the output tell it [s].
     """
 
     output: Path | Url
@@ -58,14 +58,14 @@ class TrackedFile(NamedTuple):
     tracked: int
     held: int
     rate: float
-    begins: float = 0.
+    late: float = 0.
 
     def __str__(self) -> str:
         remarks = f'{self.held} of them show no palm, ' if self.held else ''
         if self.tracked < self.read and PurePath(str(self.output)).suffix.lower() in OUTPUT_KINDS:
             remarks += 'the others are not written, '
-        if self.begins >= LATE_START:
-            remarks += f'it begins {self.begins:.2f} s after the recording, '
+        if self.late >= LATE_START:
+            remarks += f'it begins {self.late:.2f} s after the recording, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
                 f'{self.rate:.0f} a second')
 
