@@ -56,9 +56,10 @@ def _finger_lengths(text: str) -> tuple[float, ...]:
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = CommandParser(prog='hand_tracker calibrate', description=main.__doc__)
     parser.add_argument('takes', nargs='+', type=Path, metavar='TAKE',
-                        help='recordings of the eight markers (folder, .mcap, .db3), or points '
-                        'with names, more than eight if there are: .npz with markers (T, M, 3) [m] '
-                        'and marker_names, C3D, TRC, TSV, CSV, BVH')
+                        help='recordings of the eight markers (rosbag2 folder, .mcap, .db3), or '
+                        'points with names, more than eight if there are: .npz with markers '
+                        '(T, M, 3) [m] and marker_names, C3D, TRC, TSV, CSV, BVH; or a folder of '
+                        'such takes')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='HAND.yaml',
                         help='hand file to write')
     parser.add_argument('--picture', type=Path, metavar='FILE.png',

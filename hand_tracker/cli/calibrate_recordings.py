@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from .recording_options import (
     label_map,
     metres_per_unit,
     reading_options,
+    recordings_of,
     refuse_file_options,
     refuse_labels_of_points,
 )
@@ -129,7 +131,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     choice = MarkerChoice(reading_options(options), options.side,
                           chosen_labels(options.markers, nameable), layout)
-    for path in options.takes:
+    for path in chain.from_iterable(map(recordings_of, options.takes)):
         if is_marker_bag(path, choice, bool(options.label)):
             refuse_file_options(options, path)
             takes.append(_take_of_bag(path, options, layout))

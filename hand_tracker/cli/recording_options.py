@@ -401,6 +401,23 @@ def equated(texts: Iterable[str], names: Sequence[str]) -> list[str]:
     return [f'{marker}={label}' for marker, label in chosen_labels(texts, names).items()]
 
 
+def recordings_of(path: Path) -> list[Path]:
+    """Return the recording at a path, or those in a folder; print which of its folders have more.
+
+    Raises
+    ------
+    RecordingError
+        As by `recordings_at`.
+    """
+    from ..files.recordings import recordings_at
+
+    found, left_out = recordings_at(path)
+    if left_out:
+        print(f'{path}: recordings in its folders ({", ".join(left_out)}) are left out',
+              file=sys.stderr)
+    return found
+
+
 def require_inputs(options: argparse.Namespace) -> None:
     """Refuse files of a command line that are not there, before all that reads them is imported.
 

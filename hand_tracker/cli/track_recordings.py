@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
-from ..files.bags import BAG_CONTENTS, BagError
-from ..files.recordings import has_recording_suffix, is_named_as_recording
+from ..files.bags import BagError
+from ..files.recordings import has_recording_suffix
 from ..files.remote_files import Url, local_copy, matching, upload
 from ..files.written_kinds import (
     OUTPUT_KINDS,
@@ -31,6 +31,7 @@ from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import save_hands
 from ..tracking.save_motion import collect_hands, save_motion
+from .recording_options import recordings_of
 from .resumption import is_done, note_options
 from .tracking_job import ProgressDisplay, ProgressMaker, tracking_job
 
@@ -49,6 +50,8 @@ class TrackedFile(NamedTuple):
         Frames, those with a hand, and of these those that show no palm.
     rate : float
         Frames in a second of work.
+    residual : float
+        As of `TrackingJob` [m].
     late : float
         As of `TrackingJob`, 0 where the times of the output tell it [s].
     """
@@ -58,16 +61,22 @@ class TrackedFile(NamedTuple):
     tracked: int
     held: int
     rate: float
+    residual: float
     late: float = 0.
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a motion begins notably later than its recording."""
+        return self.late >= LATE_START
 
     def __str__(self) -> str:
         remarks = f'{self.held} of them show no palm, ' if self.held else ''
         if self.tracked < self.read and PurePath(str(self.output)).suffix.lower() in OUTPUT_KINDS:
             remarks += 'the others are not written, '
-        if self.late >= LATE_START:
+        if self.is_late:
             remarks += f'it begins {self.late:.2f} s after the recording, '
         return (f'{self.output}: {self.tracked} of {self.read} frames tracked, {remarks}'
-                f'{self.rate:.0f} a second')
+                f'markers {1e3 * self.residual:.1f} mm off the hand, {self.rate:.0f} a second')
 
 
 def refuse_to_replace(recording: Path, output: Path) -> None:
@@ -106,7 +115,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
                         options.names, options.order,
                         0. if job.zero is None else 1e-9 * (tracked.start - job.zero))
     elapsed = time.monotonic() - start
-    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed,
+    return TrackedFile(output, job.read, job.tracked, job.held, job.read / elapsed, job.residual,
                        job.late if kind in SKELETON_KINDS else 0.)
 
 
@@ -149,24 +158,8 @@ def _with(options: argparse.Namespace, **changed: Any) -> argparse.Namespace:
 
 def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
     """Return recordings, those in a folder that is no rosbag2 recording in its place."""
-    found: list[Path | Url] = []
-    for one in recordings:
-        if isinstance(one, Url):
-            found += matching(one)
-        elif one.is_dir() and not (one / BAG_CONTENTS).exists():
-            contents = sorted(one.iterdir())
-            inside = [path for path in contents if is_named_as_recording(path)]
-            if not inside:
-                raise BagError(f'{one}: no recording in this folder')
-            others = [path.name for path in contents if path.is_dir() and path not in inside
-                      and any(map(is_named_as_recording, path.iterdir()))]
-            if others:
-                print(f'{one}: recordings in its folders ({", ".join(others)}) are not tracked',
-                      file=sys.stderr)
-            found += inside
-        else:
-            found.append(one)
-    return found
+    return [found for one in recordings
+            for found in (matching(one) if isinstance(one, Url) else recordings_of(one))]
 
 
 def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) -> str:
@@ -215,24 +208,26 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
 
 
 def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:
-    """Return the cells of a recording's row behind its name: result, frames, share, speed."""
+    """Return the cells of a recording's row behind its name: result, and its numbers."""
     found = result.value
     if found is None:
         reason = result.lines[-1].removeprefix(f'{task.recording}: ').removeprefix(
             f'{task.recording.name}: ')
         return (f'failed: {shorten(reason, REASON_WIDTH, placeholder=" ...")}',)
-    return (task.output.name, str(found.read), f'{100. * found.tracked / max(found.read, 1):.1f}',
+    late = f', begins {found.late:.2f} s late' if found.is_late else ''
+    return (task.output.name + late, str(found.read),
+            f'{100. * found.tracked / max(found.read, 1):.1f}', f'{1e3 * found.residual:.1f}',
             f'{found.rate:.0f}')
 
 
 def _table(rows: list[tuple[str, ...]]) -> str:
     """Return the summary of several recordings."""
-    cells = [('recording', 'frames', 'tracked %', 'frames/s', 'result')]
-    cells += [(name, *(numbers or ('',) * 3), result) for name, result, *numbers in rows]
-    widths = [max(len(row[k]) for row in cells) for k in range(4)]
-    return '\n'.join('  '.join([row[0].ljust(widths[0]),
-                                *(row[k].rjust(widths[k]) for k in (1, 2, 3)), row[4]])
-                     for row in cells)
+    heads = 'frames', 'tracked %', 'residual mm', 'frames/s'
+    cells = [('recording', *heads, 'result')]
+    cells += [(name, *(numbers or ('',) * len(heads)), result) for name, result, *numbers in rows]
+    first, *widths = (max(map(len, column)) for column in list(zip(*cells))[:-1])
+    return '\n'.join('  '.join([name.ljust(first), *map(str.rjust, numbers, widths), result])
+                     for name, *numbers, result in cells)
 
 
 def _different_names(recordings: Sequence[Path | Url]) -> list[str]:

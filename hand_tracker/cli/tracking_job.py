@@ -105,6 +105,11 @@ class TrackingJob:
         return self._bag.zero
 
     @property
+    def residual(self) -> float:
+        """Mean distance of the seen markers from the hands; of the worse one of two [m]."""
+        return max(monitor.residual for monitor in self._monitors.values())
+
+    @property
     def needs_hand_file(self) -> bool:
         """Whether the markers count as at the joints, though they are on the skin."""
         is_landmarks = isinstance(self._bag, PointBag) and self._bag.is_landmarks

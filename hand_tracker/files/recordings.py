@@ -162,6 +162,35 @@ def is_named_as_recording(path: Path) -> bool:
     return has_recording_suffix(path) or (path / BAG_CONTENTS).exists()
 
 
+def recordings_at(path: Path) -> tuple[list[Path], list[str]]:
+    """Return the recording at a path, or those of a folder that is none itself.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    recordings : list of Path
+        By name.
+    left_out : list of str
+        Folders in the folder that have recordings, too.
+
+    Raises
+    ------
+    RecordingError
+        If the folder has none.
+    """
+    if not path.is_dir() or (path / BAG_CONTENTS).exists():
+        return [path], []
+    contents = sorted(path.iterdir())
+    inside = [one for one in contents if is_named_as_recording(one)]
+    if not inside:
+        raise RecordingError(f'{path}: no recording in this folder')
+    return inside, [one.name for one in contents if one.is_dir() and one not in inside
+                    and any(map(is_named_as_recording, one.iterdir()))]
+
+
 def recognised_format(path: str | PathLike[str]) -> FileFormat:
     """Return the format of a file, by its first bytes, else by its name.
 

@@ -192,6 +192,11 @@ class Monitor:
         self._input.fit.forget()
 
     @property
+    def residual(self) -> float:
+        """Mean distance of the seen markers from the tracked hand, 0 without one [m]."""
+        return self._input.fit.mean
+
+    @property
     def is_wrong(self) -> bool:
         """Whether the markers are not the tracked hand's, so that no pose is published."""
         return self._input.is_wrong

@@ -185,6 +185,21 @@ def test_takes_of_two_people_are_doubted(tmp_path, capsys):
         assert ('another person, or markers put on anew?' in capsys.readouterr().err) == is_doubted
 
 
+def test_a_folder_stands_for_the_takes_in_it(tmp_path, capsys):
+    folder, output = tmp_path / 'takes', tmp_path / 'hand.yaml'
+    folder.mkdir()
+    assert main([str(folder), '-o', str(output)]) == 1
+    assert 'takes: no recording in this folder' in capsys.readouterr().err
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
+    half = len(take.points) // 2
+    for name, part in (('first', slice(half)), ('second', slice(half, None))):
+        take._replace(points=take.points[part], sequence=take.sequence[part]).save(
+            folder / f'{name}.npz')
+    (folder / 'notes.txt').touch()
+    assert main([str(folder), '-o', str(output)]) == 0
+    assert '# Fitted to first, second:' in output.read_text()
+
+
 def test_a_few_frames_with_a_stray_do_not_refuse_a_take(tmp_path, capsys):
     take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
     points = take.points.copy()

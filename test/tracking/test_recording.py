@@ -705,6 +705,29 @@ def test_several_recordings_become_the_files_of_a_folder(bag, jobs, tmp_path, ca
         assert path.read_bytes() == (tmp_path / 'alone.csv').read_bytes()
 
 
+def test_the_table_of_a_folder_says_residuals_and_what_begins_late(bag, tmp_path, capsys):
+    folder = tmp_path / 'in'
+    folder.mkdir()
+    recording = demo_recording()
+    markers = recording.markers[:60].copy()
+    markers[:6, :3] = np.nan
+    stamps = recording.stamps[:60]
+    write_bag(folder / 'late.mcap', recording_messages(recording._replace(
+        stamps=stamps, markers=markers, angles=recording.angles[:60]), 'right'))
+    (folder / 'whole.mcap').write_bytes(bag.read_bytes())
+    given = [str(folder), '-o', str(tmp_path / 'out'), '--format', 'bvh']
+    save_hand(tmp_path / 'large.yaml', Hand.scaled(.22, .1), MarkerLayout())
+    assert main([*given, '--hand', str(tmp_path / 'large.yaml')]) == 0
+    head, late, whole, _ = capsys.readouterr().out.splitlines()
+    where = head.index('residual mm'), head.index('frames/s')
+    far = [float(line[slice(*where)]) for line in (late, whole)]
+    assert late.endswith(f'late.bvh, begins {1e-9 * (stamps[6] - stamps[0]):.2f} s late')
+    assert whole.endswith('whole.bvh')
+    assert main(given) == 0
+    near = [float(line[slice(*where)]) for line in capsys.readouterr().out.splitlines()[1:3]]
+    assert 0. < min(near) and max(near) < 3. < min(far)
+
+
 def test_what_is_wrong_with_one_recording_leaves_the_others_alone(bag, tmp_path, capsys):
     cut_off(tmp_path / 'bad.mcap')
     (tmp_path / 'good.mcap').write_bytes(bag.read_bytes())
