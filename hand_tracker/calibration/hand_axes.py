@@ -20,9 +20,8 @@ PALM_LENGTH = .088
 # Points of a finger from its root to its tip.
 CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
 BODY_SIZE = 1.7            # [m] of a grown-up, from head to feet or from hand to hand
-SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
+SIZE_UNITS = ('m', 'dm', 'cm', 'mm', 'in')
 CLOUD_UNITS = ('m', 'cm', 'mm', 'in')    # of points that may be of no hand
-LIKELIER_UNITS = (*SIZE_UNITS, 'in')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
 LEAST_DOUBT = .02          # of a side that every frame shows
@@ -265,7 +264,7 @@ def _likelier_unit_of_cloud(axes: Axes, scale: float) -> str:
     return unit if unit and _is_of_size(scale, axes, unit) else ''
 
 
-def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = LIKELIER_UNITS) -> str:
+def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = SIZE_UNITS) -> str:
     unit = _unit_of(axes, scale, units)
     return '' if _is_of_size(scale, axes, axes.units or 'm') or unit == axes.units else unit
 

@@ -196,8 +196,8 @@ def _number(parameters: Parameters, group: str, name: str) -> float | None:
     return None
 
 
-def _text(parameters: Parameters, name: str) -> str:
-    value = parameters.get(('POINT', name))
+def _text(parameters: Parameters, name: str, group: str = 'POINT') -> str:
+    value = parameters.get((group, name))
     return value[0] if isinstance(value, list) and value else ''
 
 
@@ -209,6 +209,8 @@ def _header(path: Path, head: bytes, parameters: Parameters, processor: int) -> 
     scale, rate = (float(_floats(number, processor)[0]) for number in numbers)
     for name, given in (('USED', points), ('DATA_START', block)):
         value = _number(parameters, 'POINT', name)
+        if value == 0 and name == 'DATA_START':     # as Motive writes it
+            continue
         if value is not None and value != given:
             if not 0 < value < 2**16:
                 raise RecordingError(f'{path}: POINT:{name} {value:g}; expected {given}, as in '
@@ -275,6 +277,8 @@ def _places(labels: list[str], parameters: Parameters) -> tuple[list[int], list[
 
 def _upward_axis(parameters: Parameters) -> str | None:
     up = _text(parameters, 'Y_SCREEN').strip().lower().lstrip('+')
+    if _text(parameters, 'COMPANY', 'MANUFACTURER').strip() == 'Qualisys':
+        up = up.lstrip('-')     # QTM writes -Z where z is up
     return up if up in UP_AXES else None
 
 

@@ -27,6 +27,7 @@ from .text_table import (
 )
 
 TRC_START = 'PathFileType'
+BLANK = ' \t,'   # what a line without a cell has
 TRC_LEAD = 2  # columns in front of the coordinates: frame and time
 
 
@@ -35,7 +36,7 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     """Read a TRC file.
 
     Columns counted from X0 or X1, a tab at the end of lines, a blank line behind the header or
-    none, and empty cells are all read. Axes are as in OpenSim, y up, as the file does not say.
+    none, empty cells, and commas in place of tabs, as of a spreadsheet, are all read. Axes are as in OpenSim, y up, as the file does not say.
 
     Parameters
     ----------
@@ -63,14 +64,17 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         if line is None:
             raise table.fault(f'the file ends; expected a line with {what}', len(lines) + 1)
         lines.append(line)
-    delimiter = '\t' if '\t' in lines[3] else ' '
+    delimiter = '\t' if '\t' in lines[3] else ',' if ',' in lines[4] else ' '
     keys, values, names, axes = ([cell.strip() for cell in (
-        line.split('\t') if '\t' in line else line.split())] for line in lines[1:])
+        line.split() if delimiter not in line or delimiter == ' ' else line.split(delimiter))]
+        for line in lines[1:])
+    if len(values) > len(keys):     # tabs doubled, as of some scripts
+        values = [value for value in values if value]
     head = {key.lower(): value for key, value in zip(keys, values)}
     if 'datarate' not in head and 'nummarkers' not in head:
         raise table.fault(f'{", ".join(keys[:4])}; expected DataRate, NumMarkers, Units, ...', 2)
     count = sum(axis[:1].upper() == 'X' for axis in axes)
-    labels = names[TRC_LEAD::3] if delimiter == '\t' else names[TRC_LEAD:]
+    labels = names[TRC_LEAD:] if delimiter == ' ' else names[TRC_LEAD::3]
     if not count:
         raise table.fault('no X, Y, Z columns; expected X1, Y1, Z1, ... under the names')
     if sum(bool(axis) for axis in axes) != 3 * count or (
@@ -98,7 +102,7 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
 
 def _skip_blank(table: TextTable) -> None:
     while (line := table.text_line()) is not None:
-        if line.strip():
+        if line.strip(BLANK):
             table.put_back()
             return
 

@@ -137,6 +137,27 @@ def test_the_upward_axis_of_a_c3d_file_counts(tmp_path):
     np.testing.assert_allclose(found.points[0, 0], (.01, .02, .03))
 
 
+def test_the_axis_that_qtm_writes_as_upward_points_down(tmp_path):
+    points = np.tile(np.array((1., 2., 3.)), (3, 1, 1))
+    path = ezc3d_file(tmp_path / 'qtm.c3d', ('A',), points, 'm', X_SCREEN=['-X'], Y_SCREEN=['-Z'])
+    np.testing.assert_allclose(read_recording(path).points[0, 0], (1., -2., -3.))
+    file = ezc3d.c3d(str(path))
+    file.add_parameter('MANUFACTURER', 'COMPANY', ['Qualisys'])
+    file.write(str(path))
+    np.testing.assert_allclose(read_recording(path).points[0, 0], (1., 2., 3.))
+
+
+def test_a_start_of_the_points_that_is_not_set_is_that_of_the_header(tmp_path):
+    path = written(tmp_path, hand_recording(5), '.c3d')
+    data = bytearray(path.read_bytes())
+    start = data.index(b'DATA_START') + len('DATA_START') + 4
+    assert data[start:start + 2] == data[16:18] != bytes(2)
+    data[start:start + 2] = bytes(2)
+    points = read_recording(path).points
+    path.write_bytes(data)
+    np.testing.assert_array_equal(read_recording(path).points, points)
+
+
 def test_outputs_of_models_are_no_markers(tmp_path):
     path = ezc3d_file(tmp_path / 'model.c3d', ('A', 'KneeAngle'), np.ones((3, 2, 3)),
                       ANGLES=['KneeAngle'])
@@ -300,6 +321,20 @@ def test_a_cut_file_is_refused_or_read_as_far_as_it_goes(tmp_path, suffix):
                     read_recording(cut)
         np.testing.assert_allclose(found.points, recording.points[:len(found.points)], atol=2e-7)
     assert read > 10
+
+
+def test_trc_files_of_spreadsheets_and_with_doubled_tabs_are_read(tmp_path):
+    text = TRC_TEXT.format(i=1, j=2, end='', blank='', units='m')
+    truth = read_recording(text_file(tmp_path, text, 'a.trc'))
+    assert truth.axes.units == 'm'
+    lines = text.splitlines()
+    commas = [line.replace('\t', ',').ljust(60, ',') for line in lines]
+    commas.insert(5, 60 * ',')
+    doubled = [*lines[:2], lines[2].replace('\t', '\t\t'), *lines[3:]]
+    for other in (commas, doubled):
+        found = read_recording(text_file(tmp_path, '\n'.join(other) + '\n', 'a.trc'))
+        assert (found.labels, found.rate, found.axes) == (truth.labels, truth.rate, truth.axes)
+        np.testing.assert_array_equal(found.points, truth.points)
 
 
 def test_the_later_half_of_a_trc_file_is_whole(tmp_path):

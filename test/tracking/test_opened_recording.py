@@ -94,7 +94,8 @@ def test_exchanged_knuckles_make_no_hand_of_the_other_side():
     assert side_likelihood(recording, hands_of(recording)[0]) == .5
 
 
-@pytest.mark.parametrize('unit, size', [('m', 1.), ('dm', 10.), ('cm', 100.), ('mm', 1000.)])
+@pytest.mark.parametrize('unit, size', [('m', 1.), ('dm', 10.), ('cm', 100.), ('mm', 1000.),
+                                        ('in', 1. / .0254)])
 def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
     recording = hand_recording(400)
     mirrored = size * recording.points * np.array((-1., 1., 1.), dtype=np.float32)
