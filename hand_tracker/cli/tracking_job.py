@@ -29,6 +29,7 @@ from ..tracking.recording import (
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
 from .recording_options import hand_notes, recorded_hands, recorded_reading
 
+LEARNING_SPAN = 60.  # [s] of the recording that hands without a size are learned from, at most
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
 MUCH_LEFT_OUT = .1   # of the frames, above which the end says so, and why
@@ -121,6 +122,7 @@ class TrackingJob:
 
     def frames(self) -> Iterator[dict[str, RecordedFrame]]:
         """Yield the tracked frames, of each message those of the hands by their sides."""
+        sized = self._learned_hands() if self._learns_size else {}
         point_labels = PointLabels()
         names, source = BAG_OPTION_NAMES, self._topic
         if isinstance(self._bag, PointBag):
@@ -130,7 +132,7 @@ class TrackingJob:
             monitor = Monitor(1e-9 * self._bag.start, source, reading.labels, names)
             self._monitors[side] = monitor
             recorded[side] = RecordedHand(
-                tracker, reading, monitor, self._learns_size, point_labels)
+                tracker, reading, monitor, self._learns_size, point_labels, sized.get(side))
             if not reading.has_labels and (
                     warning := usual_shape_warning(tracker.hand, tracker.layout)):
                 self.say(self._whose(side) + warning)
@@ -150,6 +152,28 @@ class TrackingJob:
                 self._warn_of_few(side, reading.has_labels, names.labels)
         if not any(few.values()):
             self._warn_of_left_out()
+
+    def _learned_hands(self) -> dict[str, RecordedHand]:
+        """Return hands that have learned their sizes, so that all frames are tracked by these."""
+        point_labels = PointLabels()
+        hands = {side: RecordedHand(HandTracker(tracker.hand, tracker.layout), reading, None, True,
+                                    point_labels)
+                 for side, (tracker, reading) in self._hands.items()}
+        for message in self._messages():
+            for hand in hands.values():
+                hand.track(message)
+            if (message.time > self._bag.start + 1e9 * LEARNING_SPAN
+                    or not any(hand.learns_size for hand in hands.values())):
+                break
+        for hand in hands.values():
+            hand.finish_learning()
+        return hands
+
+    def _messages(self) -> Iterator[BagMessage]:
+        for message in self._bag.messages([self._topic]):
+            if self._interrupted:
+                raise self._interrupted[0]
+            yield message
 
     def _warn_of_left_out(self) -> None:
         """Say how much of the recording is left out, and the main reason, if it is much."""
@@ -191,9 +215,7 @@ class TrackingJob:
     def _monitored(self) -> Iterator[BagMessage]:
         due = self._bag.start
         now = None
-        for message in self._bag.messages([self._topic]):
-            if self._interrupted:
-                raise self._interrupted[0]
+        for message in self._messages():
             self.read += 1
             now = message.time
             yield message

@@ -36,7 +36,8 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     """Read a TRC file.
 
     Columns counted from X0 or X1, a tab at the end of lines, a blank line behind the header or
-    none, empty cells, and commas in place of tabs, as of a spreadsheet, are all read. Axes are as in OpenSim, y up, as the file does not say.
+    none, empty cells, and commas in place of tabs, as of a spreadsheet, are all read. Axes are as
+    in OpenSim, y up, as the file does not say.
 
     Parameters
     ----------

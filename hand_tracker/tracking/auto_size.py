@@ -17,6 +17,7 @@ from .point_labels import hand_prototype
 # [s] with the whole palm seen after which the size is estimated; after the last it is kept.
 LEARNING_TIMES = (1., 2.5, 5.)
 SAMPLE_PERIOD = .02     # [s] between two frames that are kept
+LEAST_KEPT = 20         # frames that are enough where no others follow; ours
 CHECKED_CLOUDS = 12     # frames whose labels are checked, of points without labels
 CHECKED_POINTS = 100    # of such a frame: a search among more takes longer than a frame may
 MOST_REFUSALS = 6       # of estimates by wrong labels, after which no other is made; ours
@@ -94,9 +95,24 @@ class AutoSize:
         Hand or None
             A hand of the size estimated since the last frame, None where there is none.
         """
-        found = self._take_estimate()
         if self._due and time is not None:
             self._keep(markers, time, cloud)
+        return self._advance()
+
+    def finish(self) -> Hand | None:
+        """Estimate by what was seen, if it is not too little, and make no other estimate.
+
+        Returns
+        -------
+        Hand or None
+            As by `add`.
+        """
+        self._due = [self._seen_for] if self._due and len(self._kept) >= LEAST_KEPT else []
+        return self._advance()
+
+    def _advance(self) -> Hand | None:
+        """Begin an estimate that is due; return the hand of one that has come."""
+        found = self._take_estimate()
         if self._due and self._seen_for >= self._due[0] and not self._is_estimating:
             self._due.pop(0)
             self._is_estimating = True

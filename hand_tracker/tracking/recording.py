@@ -178,11 +178,14 @@ class RecordedHand:
         See `track`.
     point_labels : PointLabels, optional
         Shared with the other hand in the messages, where there are no labels.
+    sized_by : RecordedHand, optional
+        Of the same hand and messages, whose size it has learned.
     """
 
     def __init__(self, tracker: HandTracker, reading: MarkerReading = USUAL_READING,
                  monitor: Monitor | None = None, auto_size: bool = False,
-                 point_labels: PointLabels | None = None) -> None:
+                 point_labels: PointLabels | None = None,
+                 sized_by: RecordedHand | None = None) -> None:
         self._monitor = monitor
         reader: Reader
         if reading.has_labels:
@@ -194,10 +197,21 @@ class RecordedHand:
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()
+        if sized_by is not None:
+            self._stream.take_size_of(sized_by._stream)
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
             if reading.has_labels:
                 monitor.check_exchange(ExchangeCheck(tracker.hand, tracker.layout))
+
+    @property
+    def learns_size(self) -> bool:
+        """Whether the size of the hand is still to be learned."""
+        return self._stream.size == 'learning'
+
+    def finish_learning(self) -> None:
+        """Learn the size of the hand from the messages until now."""
+        self._stream.finish_learning()
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

@@ -297,6 +297,23 @@ class Stream:
         return (f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the knuckles of index and '
                 'little finger')
 
+    def take_size_of(self, other: Stream) -> None:
+        """Begin with the size that another stream has learned from these markers, if it has one.
+
+        Parameters
+        ----------
+        other : Stream
+            Of the same hand and layout, after `finish_learning`.
+        """
+        if not other._is_sized:
+            return
+        assert other._auto_size is not None
+        self._auto_size, self._is_sized = other._auto_size, True
+        self.tracker.configure(other.tracker.hand)
+        if isinstance(self.reader, PointLabelReader) and self._auto_size.is_confirmed:
+            self.reader.replace_hand(self.tracker.hand)
+        self._log_learned_size()
+
     def learn_size_anew(self) -> None:
         """Learn the hand's size from the frames to come, where it is learned at all."""
         if self._auto_size is None:
@@ -343,13 +360,9 @@ class Stream:
 
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
-        reader = self.reader if isinstance(self.reader, PointLabelReader) else None
-        sized = self._auto_size.add(markers, time, None if reader is None else reader.cloud)
-        if sized is not None:
-            sized = self._take_size(sized)
-            if reader is not None and self._auto_size.is_confirmed:
-                reader.replace_hand(sized)
-            self._is_sized = True
+        reader = self.reader
+        self._take_estimate(self._auto_size.add(
+            markers, time, reader.cloud if isinstance(reader, PointLabelReader) else None))
         if self._auto_size.is_learning or not self.tracker.placed:
             return
         if not self._is_sized and self._auto_size.is_refused:
@@ -360,7 +373,24 @@ class Stream:
             self._log_lines.append((False, "these markers do not tell the hand's size: it is that "
                                     'of the mean hand, unless a size or a hand file is given'))
         else:
-            self._log_lines.append((False, f'the size of the hand is learned: {self.learned_size}'))
+            self._log_learned_size()
+
+    def finish_learning(self) -> None:
+        """Learn the hand's size from what was seen of it, as no other frames follow."""
+        if self._auto_size is not None and self._auto_size.is_learning:
+            self._take_estimate(self._auto_size.finish())
+
+    def _take_estimate(self, sized: Hand | None) -> None:
+        assert self._auto_size is not None
+        if sized is None:
+            return
+        sized = self._take_size(sized)
+        if isinstance(self.reader, PointLabelReader) and self._auto_size.is_confirmed:
+            self.reader.replace_hand(sized)
+        self._is_sized = True
+
+    def _log_learned_size(self) -> None:
+        self._log_lines.append((False, f'the size of the hand is learned: {self.learned_size}'))
 
     def _take_size(self, sized: Hand) -> Hand:
         """Track with the bones of another hand; return it with the present limits and coupling."""

@@ -42,6 +42,7 @@ from hand_tracker.messages.labels import LabelMap
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.packaged_recordings import (
+    RECORDING_RATE,
     both_hands_messages,
     demo_recording,
     packaged_recordings,
@@ -283,6 +284,25 @@ def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
         return np.abs(table[late, pip] - np.degrees(recording.angles[late, pip - 1])).mean()
 
     assert error() < 4. < 15. < error(GIVEN_SIZE)
+
+
+@pytest.mark.parametrize('seconds', [.6, 3.])
+def test_all_frames_have_the_size_that_is_learned_however_short(seconds, tmp_path, capsys):
+    hand = Hand.scaled(.205, .095)
+    recording = demo_recording(hand)
+    count = round(seconds * RECORDING_RATE)
+    write_bag(tmp_path / 'large.mcap', recording_messages(recording._replace(
+        stamps=recording.stamps[:count], markers=recording.markers[:count],
+        angles=recording.angles[:count]), 'right'))
+    found = []
+    for given in ([], ['--no-auto-size']):
+        assert main([str(tmp_path / 'large.mcap'), '-o', str(tmp_path / 'out.csv'), *given]) == 0
+        _, table = read_table(tmp_path / 'out.csv')
+        assert len(table) == count
+        error = np.abs(table[:20, 1:] - np.degrees(recording.angles[:20]))
+        found.append((error.mean(), 'the size of the hand is learned' in capsys.readouterr().err))
+    (learned, is_said), (mean, is_said_of_mean) = found
+    assert (is_said, is_said_of_mean) == (True, False) and 2. * learned < mean
 
 
 @pytest.mark.parametrize('extension', ['.mcap', '.db3'])
