@@ -33,6 +33,7 @@ from .labelling.validity import (
     reject_frozen,
 )
 from .model.capsules import Placement, place_capsules
+from .model.hand import DIGIT_OF_JOINT
 from .model.marker_rows import PRINCIPALS, ROW_CAPACITY
 from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
@@ -119,8 +120,8 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         if has_more_rows:
             refine_multi_marker_digits(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
-        blend_angles(chains, options, state, seen, step)
-        resolve_contact(model, chains, options, state, seen, step)
+        turn = blend_angles(chains, options, state, seen, step)
+        resolve_contact(model, chains, options, state, seen, step, turn)
     # 5 Pose: forward kinematics, states of the markers, deviations.
     write_report(model, chains, options, state, markers, seen, fault if fault else palm,
                  iterations, report)
@@ -417,7 +418,7 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
 
 @jit
 def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
-                 seen: np.ndarray, step: float) -> None:
+                 seen: np.ndarray, step: float) -> float:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
     In the first frame with a palm they are taken as they are; the wrist is placed from then on.
@@ -430,9 +431,15 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         Whether each principal marker is measured.
     step : float
         Since the last frame [s].
+
+    Returns
+    -------
+    float
+        By how much a hidden digit's angle may turn; no bound in the first frame [rad].
     """
     chains, options, state = chains[0], options[0], state[0]
-    if not state.wrist.placed[0]:
+    is_first = not state.wrist.placed[0]
+    if is_first:
         state.wrist.placed[0] = True
         state.changed[:] = False
         for joint in range(25):
@@ -443,11 +450,12 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         predicted[i] = not (palm_is_seen and seen[3 + i])
     blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
           options.reentry_rate, chains.lower, chains.upper)
+    return math.inf if is_first else options.reentry_rate * step
 
 
 @jit
 def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
-                    state: Pack[State], seen: np.ndarray, step: float) -> None:
+                    state: Pack[State], seen: np.ndarray, step: float, turn: float) -> None:
     """Separate hidden digits from others (rigidity); drag them along (friction).
 
     Parameters
@@ -458,6 +466,8 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
         Whether each principal marker is measured.
     step : float
         Since the last frame [s].
+    turn : float
+        By how much a hidden digit's angle may turn [rad].
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # Slices are arrays to numba, as the poses of a simulation are, and fields are not: so
@@ -471,7 +481,9 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
             place_capsules(model.capsules, angles, placement)
         ends[0] = ends[1]
     is_placed = False
+    last = local_floats(25)
     for joint in range(25):
+        last[joint] = angles[joint]
         angles[joint] = state.blended[joint]
     if options.rigidity:
         # Starting from the last frame's solution keeps a contact from flickering.
@@ -491,6 +503,10 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
                      options.penetration, placement)
             is_placed = True
         for joint in range(25):
+            # A digit that overlapped as it was seen leaves the others without a leap.
+            if not seen[3 + DIGIT_OF_JOINT[joint]] and abs(angles[joint] - last[joint]) > turn:
+                angles[joint] = last[joint] + math.copysign(turn, angles[joint] - last[joint])
+                is_placed = False
             offset = angles[joint] - state.blended[joint]
             state.contact_offset[joint] = offset if abs(offset) >= MIN_CONTACT_OFFSET else 0.
     state.pushes[:] = 0.

@@ -441,6 +441,28 @@ def test_no_hidden_digit_goes_into_another_or_the_palm():
     assert left < .3 * asked
 
 
+def test_a_digit_that_overlapped_as_it_was_seen_leaves_the_others_without_a_leap():
+    shapes = hand_capsules(HAND)
+    tracker = HandTracker(HAND)
+    angles = np.zeros(25)
+    for finger, flexion, abduction in (('index', 35., -15.), ('middle', 30., 5.),
+                                       ('ring', 30., 0.), ('little', 30., 0.)):
+        angles[JOINTS.index(f'{finger}_mcp_flexion')] = np.radians(flexion)
+        angles[JOINTS.index(f'{finger}_mcp_abduction')] = np.radians(abduction)
+    published, overlaps = [], []
+    for frame in range(120):
+        markers = markers_at(0, angles=angles)
+        if frame >= 60:
+            markers[INDEX] = np.nan
+        state = tracker.update(markers, frame * STEP)
+        published.append(state.angles)
+        overlaps.append(-pair_gaps(shapes, state.angles)[(shapes.digits == 0).any(axis=1)].min())
+    assert overlaps[59] > .004 and overlaps[-1] < 1e-3 + 1e-9
+    turned = np.abs(np.diff(published[59:], axis=0)).max(axis=1)
+    assert turned.max() < tracker.options.reentry_rate * STEP + 1e-9
+    assert turned.sum() > np.radians(5.)
+
+
 FREQUENCY = 10.
 
 
