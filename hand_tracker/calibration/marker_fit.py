@@ -19,6 +19,7 @@ from ..core.model.hand import (
     average_natural_flexion,
 )
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
+from ..core.model.marker_rows import USUAL_DEVIATION
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
@@ -169,10 +170,14 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
         hand = thinned(hand, np.clip(postures, *hand.limits.T))
     names = [gathered.names[i] for i in gathered.of(-1)]
     mounts = mount_markers(hand, digits, {name: palm.places[name] for name in names})
-    noise = {digit.names[i]: float(fit.problem.noise[i])
-             for digit, fit, line in zip(digits, fits, flexions)
-             if digit is not None and fit is not None and line is not None
-             for i in range(len(digit.names))}
+    noise: dict[str, float] = {}
+    for row, (found, fit, line) in enumerate(zip(digits, fits, flexions)):
+        if found is None or fit is None:
+            continue
+        if line is not None:
+            noise.update(zip(found.names, fit.problem.noise.tolist()))
+        elif row < len(FINGERS):    # one marker does not show how far it is off its place
+            noise.update(dict.fromkeys(found.names, USUAL_DEVIATION))
     layout = marker_layout(hand, worn, mounts, noise)
     return MarkerFit(hand, layout, gathered.markers, worn, mounts, palm,
                      tuple(fits), flexions, length, deviation, postures, shown)

@@ -1,5 +1,6 @@
 """A hand fitted to markers on the skin of a simulated one."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -38,6 +39,7 @@ from hand_tracker.core.model.hand import (
 )
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import marker_positions, require_solvable
+from hand_tracker.core.model.marker_rows import USUAL_DEVIATION
 from hand_tracker.core.tracker import HandTracker
 
 LARGE = Hand.scaled(.205, .095)
@@ -277,6 +279,26 @@ def test_one_marker_on_a_digit_leaves_its_shape_near_the_usual(length, breadth):
     assert np.degrees(np.arccos(hand.thumb_abduction_axis @ usual.thumb_abduction_axis)) < 2.
     np.testing.assert_allclose(hand.thumb_bones, usual.thumb_bones, atol=.002)
     np.testing.assert_allclose(hand.finger_bones[:, :2], usual.finger_bones[:, :2], atol=.0022)
+
+
+def test_one_marker_on_a_finger_is_believed_within_what_it_does_not_show():
+    take, _ = simulated_take(LARGE, WORN_PLACES, seconds=15.)
+    fit = fit_markers([take])
+    deviations = fit.layout.deviations
+    np.testing.assert_array_equal(deviations, (0., 0., 0., *[USUAL_DEVIATION] * 4, 0.))
+    fully_believed = replace(fit.layout, deviations=np.zeros(8))
+    typing, true = simulated_take(LARGE, WORN_PLACES, motions=('typing',))
+    pip = FLEXION_JOINTS[:4, 1]
+    is_still = (np.abs(np.diff(true[:, pip], axis=0)) < 1e-3)
+    is_still[:60] = False
+    assert is_still.sum() > 200
+    steps = []
+    for layout in (fit.layout, fully_believed):
+        tracker = HandTracker(fit.hand, layout)
+        angles = np.array([tracker.update(frame, i / typing.rate).angles
+                           for i, frame in enumerate(typing.points)])
+        steps.append(np.sqrt(np.mean(np.diff(angles[:, pip], axis=0)[is_still] ** 2)))
+    assert steps[0] < .7 * steps[1]
 
 
 def test_gaps_and_outliers_do_no_harm():

@@ -18,6 +18,7 @@ NAMED_DIGITS = {**{finger: finger.capitalize() for finger in FINGERS}, 'little':
                 'thumb': 'Thumb'}
 ON_WRIST_TOP, ON_KNUCKLE = (0., 0., 11.), (0., 0., 11.)
 ON_JOINT, ON_NAIL = (0., 0., 9.), (-3., 0., 8.)
+OF_ANYBODY = 2.5    # [mm] that a finger's marker is off its place on a usual hand; ours
 
 
 def _layout(markers: list[Marker]) -> MarkerLayout:
@@ -29,7 +30,9 @@ def _layout(markers: list[Marker]) -> MarkerLayout:
 def _paper8_skin() -> MarkerLayout:
     """Return the paper's eight on the back of a usual hand, not at its joints."""
     offsets = (ON_WRIST_TOP, *[ON_KNUCKLE] * 2, *[ON_JOINT] * len(FINGERS), ON_NAIL)
-    return MarkerLayout(offsets=np.multiply(offsets, 1e-3))
+    deviations = (*[0.] * 3, *[OF_ANYBODY] * len(FINGERS), 0.)
+    return MarkerLayout(offsets=np.multiply(offsets, 1e-3),
+                        deviations=np.multiply(deviations, 1e-3))
 
 
 def _tips5_palm3() -> MarkerLayout:
