@@ -164,7 +164,8 @@ def calibrated(hand: Hand, layout: MarkerLayout, seed: int) -> tuple[Hand, Marke
     """Return hand and layout with random calibration errors.
 
     Bones and coordinates of the palm's joints err by `LENGTH_ERROR`, marker offsets by
-    `OFFSET_ERROR`, of which the layout has a deviation for fingers with one marker, the coupling by `COUPLING_SLOPE_ERROR` and `COUPLING_OFFSET_ERROR`.
+    `OFFSET_ERROR`, of which the layout has a deviation for fingers with one marker, the coupling
+    by `COUPLING_SLOPE_ERROR` and `COUPLING_OFFSET_ERROR`.
 
     Parameters
     ----------
