@@ -441,6 +441,23 @@ def test_no_hidden_digit_goes_into_another_or_the_palm():
     assert left < .3 * asked
 
 
+@pytest.mark.parametrize('hidden', [INDEX, MIDDLE])
+def test_labels_stay_put_right_as_one_of_those_exchanged_vanishes(hidden):
+    relaxed = HAND.relaxed()
+    right, exchanged = HandTracker(HAND), HandTracker(HAND)
+    rng = np.random.default_rng(5)
+    for frame in range(150):
+        markers = markers_at(frame, angles=relaxed) + rng.normal(scale=3e-4, size=(8, 3))
+        if 90 <= frame < 120:
+            markers[hidden] = np.nan
+        expected = right.update(markers, frame * STEP)
+        if frame >= 60:
+            markers[[INDEX, MIDDLE]] = markers[[MIDDLE, INDEX]]
+        state = exchanged.update(markers, frame * STEP)
+        np.testing.assert_allclose(state.angles, expected.angles, atol=1e-9)
+    assert (state.marker_states[[INDEX, MIDDLE]] == MarkerState.SWAPPED).all()
+
+
 def test_a_digit_that_overlapped_as_it_was_seen_leaves_the_others_without_a_leap():
     shapes = hand_capsules(HAND)
     tracker = HandTracker(HAND)

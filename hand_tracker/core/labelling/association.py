@@ -239,6 +239,7 @@ def _begin(evidence: Evidence, bounds: HandBounds, state: AssociationState, rows
     state.lead[:] = 0.0
     for i in range(8):
         state.refused_for[i] = 0.0
+        evidence.last[i] = rows[i]
         if rows[i] != i and evidence.seen[rows[i]]:
             verdict[i] = SWAPPED
     gaps = local_floats((3, 3))
@@ -303,7 +304,10 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
         row = rows[i]
         if not seen[row]:
             state.unseen_for[i] += max(step, 0.0)
+            if state.unseen_for[i] > patience:
+                evidence.last[i] = i
             continue
+        evidence.last[i] = row
         if row != i:
             verdict[i] = SWAPPED
         reachable = i < 3 or beyond_reach(bounds, vector(local[row]), i - 3, size) <= 0.0

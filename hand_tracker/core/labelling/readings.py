@@ -137,6 +137,8 @@ class Evidence(NamedTuple):
         Learned distances of palm markers, and their variances (`AssociationState`) [m, m²].
     gated : ndarray of bool, shape (1,)
         Whether markers may be refused.
+    last : ndarray of int, shape (8,)
+        Row that each marker was last measured in; its own once it is hidden for long.
     """
 
     markers: np.ndarray
@@ -150,6 +152,7 @@ class Evidence(NamedTuple):
     sides: np.ndarray
     side_variances: np.ndarray
     gated: np.ndarray
+    last: np.ndarray
 
 
 class Reading(NamedTuple):
@@ -181,7 +184,7 @@ def blank_evidence() -> Evidence:
         markers=np.zeros((8, 3)), seen=np.zeros(8, dtype=bool), expected=np.zeros((8, 3)),
         known=np.zeros(8, dtype=bool), home=np.zeros((8, 3)), deviation=np.ones(8),
         gate=np.ones(8), gaps=np.zeros((8, 8)), sides=np.zeros(3),
-        side_variances=np.zeros(3), gated=np.zeros(1, dtype=bool))
+        side_variances=np.zeros(3), gated=np.zeros(1, dtype=bool), last=np.arange(8))
 
 
 @jit
@@ -474,8 +477,9 @@ def _digit_cost(evidence: Evidence, bounds: HandBounds, local: np.ndarray, digit
         REACH_MARGIN / REACH_DEVIATION) ** 2
     if not seen[row]:
         # A marker does not lose its row as it vanishes, unless the row was wrong anyway.
-        if row != label and seen[label] and known[label] and distance(
-                vector(local[label]), vector(home[label])) <= gate[label]:
+        last = evidence.last[label]
+        if row != last and seen[last] and known[label] and distance(
+                vector(local[last]), vector(home[label])) <= gate[label]:
             return REFUSAL_FACTOR * highest
         return 0.0
     place = vector(local[row])
