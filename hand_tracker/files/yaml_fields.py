@@ -16,6 +16,7 @@ from .plain_yaml import UniqueKeyLoader, parse_plain_yaml, read_yaml_text, yaml_
 
 Parsed = TypeVar('Parsed')
 HAND_EXAMPLE, LAYOUT_EXAMPLE = 'config/hand.yaml', 'docs/layouts.md'
+VALUE_SHOWN = 60    # characters of a value in an error
 
 
 class InvalidHandFile(HandTrackerError, ValueError):
@@ -92,8 +93,11 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
     if value is None:
         return {}
     if not isinstance(value, dict):
+        shown = repr(value)
+        if len(shown) > VALUE_SHOWN:
+            shown = f'{shown[:VALUE_SHOWN]} ...'
         raise InvalidHandFile(
-            f'{where or "the file"}: {value!r}; expected a mapping of {", ".join(allowed)}')
+            f'{where or "the file"}: {shown}; expected a mapping of {", ".join(allowed)}')
     for key in value:
         if key not in allowed:
             dotted = f'{where}.{key}' if where else f'{key}'

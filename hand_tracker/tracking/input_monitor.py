@@ -434,10 +434,18 @@ class InputMonitor:
         if self._frame.unknown:
             return '; '.join(filter(None, (
                 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown),
-                self._other_hand(self._frame))))
+                self._other_hand(self._frame), self._shifted_ids(self._frame))))
         if self._frame.doubled:
             return '; '.join(map(self.labels.doubled, self._frame.doubled))
         return 'there is no other point-like marker'
+
+    def _shifted_ids(self, frame: MarkerFrame) -> str:
+        """Ask whether ids begin with 1, where the first expected one is missing."""
+        labels = self.labels.labels
+        is_shifted = (list(labels) == [*map(str, range(len(labels)))]
+                      and np.isnan(frame.positions[0]).any()
+                      and [number for _, number in frame.unknown] == [len(labels)])
+        return f'do the ids begin with 1? Then set {self.names.labels}' if is_shifted else ''
 
     def _other_hand(self, frame: MarkerFrame) -> str:
         """Describe markers that are left out as they are in the other side's namespace, if any."""
@@ -470,7 +478,8 @@ class InputMonitor:
                 '1 to 2 mm are usual for one that was measured: its fingers may stay too '
                 f'straight; expected is a hand file ({self.names.hand}) with the '
                 "lengths of your hand and the markers' offsets on the skin, as "
-                'config/hand.yaml explains'
+                'config/hand.yaml explains, and each marker with its own label '
+                f'({self.names.labels})'
                 + (f'; or is it {other}?' if (other := self._other_person) else ''))
 
     def _name_the_never_seen(self) -> None:

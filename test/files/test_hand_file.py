@@ -272,6 +272,7 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
     ('markers: {index: {deviation_mm: -1}}',
      'markers.index.deviation_mm: -1; allowed is 0 to 10 mm'),
     ('just words', "the file: 'just words'; expected a mapping of side, length_mm"),
+    (f"'{80 * '<link/>'}'", f"the file: '{(80 * '<link/>')[:59]} ...; expected a mapping of side"),
 ])
 def test_mistakes_are_named_with_file_field_and_what_is_allowed(write, text, message):
     path = write(text)

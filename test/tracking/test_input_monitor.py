@@ -54,6 +54,17 @@ class Input:
         return [line for _, line in self.watch.report(now, lambda: 'nobody is there')]
 
 
+@pytest.mark.parametrize('unknown, is_asked', [(8, True), (9, False)])
+def test_ids_that_begin_with_one_are_asked_for(unknown, is_asked):
+    hand = Input()
+    positions = RESTING.copy()
+    positions[0] = np.nan
+    hand.feed(.1, positions, unknown=(('', unknown),))
+    line, = hand.said(.1)
+    assert f"not seen yet '0' (wrist); there are '/{unknown}'" in line
+    assert ('do the ids begin with 1? Then set labels.*' in line) == is_asked
+
+
 def test_says_when_tracking_starts_and_no_more():
     hand = Input()
     assert hand.said(0.) == []
