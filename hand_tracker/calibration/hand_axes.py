@@ -20,8 +20,10 @@ PALM_LENGTH = .088
 # Points of a finger from its root to its tip.
 CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
 BODY_SIZE = 1.7            # [m] of a grown-up, from head to feet or from hand to hand
-SIZE_UNITS = ('m', 'dm', 'cm', 'mm', 'in')
+SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
 CLOUD_UNITS = ('m', 'cm', 'mm', 'in')    # of points that may be of no hand
+LIKELIER_UNITS = (*SIZE_UNITS, 'in')
+METRIC_SIZE = 2.       # times as large or small as usual, up to which a unit is metric
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
 LEAST_DOUBT = .02          # of a side that every frame shows
@@ -207,7 +209,7 @@ def with_recognised_axes(recording: PointRecording, body_size: float | None = No
         scale = body_size * axes.scale / BODY_SIZE
         reason = f'as the body is {BODY_SIZE:g} m long then, more or less'
     if scale is not None and not recording.said.units:
-        unit = _unit_of(axes, scale)
+        unit = likely_unit(scale / axes.scale)
         assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
             _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
@@ -258,13 +260,21 @@ def likelier_unit(recording: PointRecording) -> str:
     return '' if spread is None else _likelier_unit_of_cloud(recording.axes, spread)
 
 
+def likely_unit(times: float) -> str:
+    """Return the unit of what is so many times as large as usual, read in metres: mostly metric."""
+    metric, any_unit = (min(units, key=lambda name: abs(np.log(times * UNIT_SPELLINGS[name][0])))
+                        for units in (SIZE_UNITS, LIKELIER_UNITS))
+    is_of_size = 1. / METRIC_SIZE <= times * UNIT_SPELLINGS[metric][0] <= METRIC_SIZE
+    return metric if is_of_size else any_unit
+
+
 def _likelier_unit_of_cloud(axes: Axes, scale: float) -> str:
     unit = _likelier_unit(axes, scale, CLOUD_UNITS)
     # Else the points may be of no hand.
     return unit if unit and _is_of_size(scale, axes, unit) else ''
 
 
-def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = SIZE_UNITS) -> str:
+def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = LIKELIER_UNITS) -> str:
     unit = _unit_of(axes, scale, units)
     return '' if _is_of_size(scale, axes, axes.units or 'm') or unit == axes.units else unit
 
@@ -274,7 +284,7 @@ def _is_of_size(scale: float, axes: Axes, unit: str) -> bool:
     return 1. / WRONG_SIZE < scale * UNIT_SPELLINGS[unit][0] / axes.scale < WRONG_SIZE
 
 
-def _unit_of(axes: Axes, scale: float, units: Sequence[str] = SIZE_UNITS) -> str:
+def _unit_of(axes: Axes, scale: float, units: Sequence[str]) -> str:
     return min(units, key=lambda name: abs(np.log(scale * UNIT_SPELLINGS[name][0] / axes.scale)))
 
 

@@ -19,7 +19,6 @@ from ..core.model.hand import (
     average_natural_flexion,
 )
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
-from ..core.model.marker_rows import USUAL_DEVIATION
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
@@ -172,12 +171,9 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
     mounts = mount_markers(hand, digits, {name: palm.places[name] for name in names})
     noise: dict[str, float] = {}
     for row, (found, fit, line) in enumerate(zip(digits, fits, flexions)):
-        if found is None or fit is None:
-            continue
-        if line is not None:
+        # Of the thumb's one marker nothing is gained by doubting it.
+        if found is not None and fit is not None and (line is not None or row < len(FINGERS)):
             noise.update(zip(found.names, fit.problem.noise.tolist()))
-        elif row < len(FINGERS):    # one marker does not show how far it is off its place
-            noise.update(dict.fromkeys(found.names, USUAL_DEVIATION))
     layout = marker_layout(hand, worn, mounts, noise)
     return MarkerFit(hand, layout, gathered.markers, worn, mounts, palm,
                      tuple(fits), flexions, length, deviation, postures, shown)

@@ -132,7 +132,7 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
                 f"namespace and first id of the {side} hand's markers, or that id alone; default: "
                 '%(default)s')
     parser.add_argument('--auto-size', action=argparse.BooleanOptionalAction, default=True,
-                        help="learn the hand's size from the first seconds, where no hand file "
+                        help="learn the hand's size before it is tracked, where no hand file "
                         'gives it')
     add_labels_option(parser)
     add_marker_options(parser)

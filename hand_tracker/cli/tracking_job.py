@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -27,9 +28,10 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
+from ..tracking.stream import LearnedSize
 from .recording_options import hand_notes, recorded_hands, recorded_reading
 
-LEARNING_SPAN = 60.  # [s] of the recording that hands without a size are learned from, at most
+LEARNING_SPAN = 60.  # [s] from the first tracked frame that a size is learned from, at most
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
 MUCH_LEFT_OUT = .1   # of the frames, above which the end says so, and why
@@ -69,7 +71,7 @@ class TrackingJob:
     hands : mapping of str to (HandTracker, MarkerReading)
         By their sides.
     learns_size : bool
-        Whether the size of the hands is learned from the first seconds.
+        Whether the size of the hands is learned, before the first frame is tracked.
 
     Attributes
     ----------
@@ -94,6 +96,7 @@ class TrackingJob:
         self._hands, self._learns_size = hands, learns_size
         self._monitors: dict[str, Monitor] = {}  # by side
         self._palms: Counter[str] = Counter()    # frames that show the palm, by side
+        self._residuals, self._judged = 0., 0
         self._misfits: Counter[str] = Counter()  # and in which the markers are of no such hand
 
     def hands(self) -> dict[str, Hand]:
@@ -107,8 +110,8 @@ class TrackingJob:
 
     @property
     def residual(self) -> float:
-        """Mean distance of the seen markers from the hands; of the worse one of two [m]."""
-        return max(monitor.residual for monitor in self._monitors.values())
+        """Mean distance of the seen markers from the hands, over the tracked frames [m]."""
+        return self._residuals / max(self._judged, 1)
 
     @property
     def needs_hand_file(self) -> bool:
@@ -122,7 +125,7 @@ class TrackingJob:
 
     def frames(self) -> Iterator[dict[str, RecordedFrame]]:
         """Yield the tracked frames, of each message those of the hands by their sides."""
-        sized = self._learned_hands() if self._learns_size else {}
+        sizes = self._learned_sizes() if self._learns_size else {}
         point_labels = PointLabels()
         names, source = BAG_OPTION_NAMES, self._topic
         if isinstance(self._bag, PointBag):
@@ -131,16 +134,20 @@ class TrackingJob:
         for side, (tracker, reading) in self._hands.items():
             monitor = Monitor(1e-9 * self._bag.start, source, reading.labels, names)
             self._monitors[side] = monitor
-            recorded[side] = RecordedHand(
-                tracker, reading, monitor, self._learns_size, point_labels, sized.get(side))
             if not reading.has_labels and (
                     warning := usual_shape_warning(tracker.hand, tracker.layout)):
                 self.say(self._whose(side) + warning)
+            recorded[side] = RecordedHand(
+                tracker, reading, monitor, self._learns_size, point_labels, sizes.get(side))
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             if not self.tracked:
                 self.late = 1e-9 * (next(iter(frames.values())).time - self._bag.start)
             self.tracked += 1
+            for side in frames:
+                if residual := self._monitors[side].residual:
+                    self._residuals += residual
+                    self._judged += 1
             shown = [side for side, frame in frames.items() if frame.state.palm in PALM_SEEN]
             self._palms.update(shown)
             self.held += not shown
@@ -153,21 +160,20 @@ class TrackingJob:
         if not any(few.values()):
             self._warn_of_left_out()
 
-    def _learned_hands(self) -> dict[str, RecordedHand]:
-        """Return hands that have learned their sizes, so that all frames are tracked by these."""
+    def _learned_sizes(self) -> dict[str, LearnedSize | None]:
+        """Return the sizes that the recording tells, so that all its frames are tracked by them."""
         point_labels = PointLabels()
         hands = {side: RecordedHand(HandTracker(tracker.hand, tracker.layout), reading, None, True,
                                     point_labels)
                  for side, (tracker, reading) in self._hands.items()}
+        until = math.inf
         for message in self._messages():
-            for hand in hands.values():
-                hand.track(message)
-            if (message.time > self._bag.start + 1e9 * LEARNING_SPAN
-                    or not any(hand.learns_size for hand in hands.values())):
+            tracked = [hand.track(message) for hand in hands.values()]
+            if any(tracked):
+                until = min(until, message.time + 1e9 * LEARNING_SPAN)
+            if message.time > until or not any(hand.learns_size for hand in hands.values()):
                 break
-        for hand in hands.values():
-            hand.finish_learning()
-        return hands
+        return {side: hand.finish_learning() for side, hand in hands.items()}
 
     def _messages(self) -> Iterator[BagMessage]:
         for message in self._bag.messages([self._topic]):

@@ -120,7 +120,8 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         if has_more_rows:
             refine_multi_marker_digits(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
-        turn = blend_angles(chains, options, state, seen, step)
+        turn = options[0].reentry_rate * step if state[0].wrist.placed[0] else math.inf
+        blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step, turn)
     # 5 Pose: forward kinematics, states of the markers, deviations.
     write_report(model, chains, options, state, markers, seen, fault if fault else palm,
@@ -418,7 +419,7 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
 
 @jit
 def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
-                 seen: np.ndarray, step: float) -> float:
+                 seen: np.ndarray, step: float) -> None:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
     In the first frame with a palm they are taken as they are; the wrist is placed from then on.
@@ -431,15 +432,9 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         Whether each principal marker is measured.
     step : float
         Since the last frame [s].
-
-    Returns
-    -------
-    float
-        By how much a hidden digit's angle may turn; no bound in the first frame [rad].
     """
     chains, options, state = chains[0], options[0], state[0]
-    is_first = not state.wrist.placed[0]
-    if is_first:
+    if not state.wrist.placed[0]:
         state.wrist.placed[0] = True
         state.changed[:] = False
         for joint in range(25):
@@ -450,7 +445,6 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         predicted[i] = not (palm_is_seen and seen[3 + i])
     blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
           options.reentry_rate, chains.lower, chains.upper)
-    return math.inf if is_first else options.reentry_rate * step
 
 
 @jit
@@ -467,7 +461,7 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
     step : float
         Since the last frame [s].
     turn : float
-        By how much a hidden digit's angle may turn [rad].
+        By how much a hidden digit's angle may turn; infinite in the first frame [rad].
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # Slices are arrays to numba, as the poses of a simulation are, and fields are not: so

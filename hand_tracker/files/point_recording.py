@@ -20,6 +20,7 @@ UNIT_SPELLINGS = {
     'in': (.0254, ('in', 'inch', 'inches')),
     'ft': (.3048, ('ft', 'foot', 'feet')),
 }
+UNIT_WORDS = {'in': 'inches', 'ft': 'feet'}     # of units that a sentence does not bear
 UP_AXES = ('x', 'y', 'z', '-x', '-y', '-z')
 HANDEDNESS = ('right', 'left')  # of axes
 # Rows: the axes x, y, z of this package in those of a right-handed file, by its upward axis.
@@ -302,7 +303,8 @@ def conversion_note(axes: Axes, said: Said, unit_reason: str = '') -> str:
     unit_reason : str, optional
         Why the unit is this one, where the file does not say.
     """
-    units = f'{axes.units} ({unit_reason}: --units)' if unit_reason else axes.units
+    named = UNIT_WORDS.get(axes.units or '', axes.units)
+    units = f'{named} ({unit_reason}: --units)' if unit_reason else named
     handed = ', left-handed' if axes.handed == 'left' else ''
     assumed = [f'--{name}' for name, given in (('units', said.units or unit_reason),
                                                ('up', said.up)) if not given]

@@ -186,7 +186,8 @@ def recordings_at(path: Path) -> tuple[list[Path], list[str]]:
     contents = sorted(path.iterdir())
     inside = [one for one in contents if is_named_as_recording(one)]
     if not inside:
-        raise RecordingError(f'{path}: no recording in this folder')
+        raise RecordingError(f'{path}: no recording in this folder, nor {BAG_CONTENTS} of one; '
+                             f'expected {KNOWN_FORMATS}')
     return inside, [one.name for one in contents if one.is_dir() and one not in inside
                     and any(map(is_named_as_recording, one.iterdir()))]
 

@@ -69,8 +69,9 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     keys, values, names, axes = ([cell.strip() for cell in (
         line.split() if delimiter not in line or delimiter == ' ' else line.split(delimiter))]
         for line in lines[1:])
-    if len(values) > len(keys):     # tabs doubled, as of some scripts
-        values = [value for value in values if value]
+    # Though tabs are doubled, as of some scripts.
+    if sum(map(bool, values)) == sum(map(bool, keys)):
+        keys, values = ([cell for cell in row if cell] for row in (keys, values))
     head = {key.lower(): value for key, value in zip(keys, values)}
     if 'datarate' not in head and 'nummarkers' not in head:
         raise table.fault(f'{", ".join(keys[:4])}; expected DataRate, NumMarkers, Units, ...', 2)

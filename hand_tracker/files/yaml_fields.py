@@ -93,11 +93,8 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
     if value is None:
         return {}
     if not isinstance(value, dict):
-        shown = repr(value)
-        if len(shown) > VALUE_SHOWN:
-            shown = f'{shown[:VALUE_SHOWN]} ...'
         raise InvalidHandFile(
-            f'{where or "the file"}: {shown}; expected a mapping of {", ".join(allowed)}')
+            f'{where or "the file"}: {_shown(value)}; expected a mapping of {", ".join(allowed)}')
     for key in value:
         if key not in allowed:
             dotted = f'{where}.{key}' if where else f'{key}'
@@ -111,10 +108,16 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
     return value
 
 
+def _shown(value: Any) -> str:
+    """Return a value as an error shows it."""
+    text = repr(value)
+    return text if len(text) <= VALUE_SHOWN else f'{text[:VALUE_SHOWN]} ...'
+
+
 def choice(where: str, value: Any, allowed: Collection[str]) -> str:
     """Return a value; raise `InvalidHandFile` unless it is one of those allowed."""
     if value not in tuple(allowed):
-        raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
+        raise InvalidHandFile(f'{where}: {_shown(value)}; allowed are {", ".join(allowed)}')
     return value
 
 
@@ -132,7 +135,7 @@ def number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
         values, places = value, [f'[{i}]' for i in range(quantity.size)]
     else:
         raise InvalidHandFile(
-            f'{where}: {value!r}; expected a list of {quantity.size} numbers')
+            f'{where}: {_shown(value)}; expected a list of {quantity.size} numbers')
     for place, number in zip(places, values):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')

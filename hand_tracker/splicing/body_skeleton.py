@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.hand_axes import BODY_SIZE, SIZE_UNITS
+from ..calibration.hand_axes import BODY_SIZE, likely_unit
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..files.bvh_file import BvhJoint, depth_first, rest_size
-from ..files.point_recording import UNIT_SPELLINGS
+from ..files.point_recording import UNIT_SPELLINGS, UNIT_WORDS
 from ..files.skeleton_motion import joint_names
 
 # 'RightHand', 'mixamorig:LeftHand', 'Skeleton_RHand', 'RightWrist', 'hand_l'.
@@ -174,9 +174,10 @@ def body_unit(joints: Sequence[BvhJoint], measured: float | None) -> tuple[float
         How it was found.
     """
     guess = measured or BODY_SIZE / rest_size(joints)
-    named = min((unit for unit in UNIT_SPELLINGS if measured or unit in SIZE_UNITS),
-                key=lambda unit: abs(np.log(UNIT_SPELLINGS[unit][0] / guess)))
+    named = likely_unit(1. / guess) if not measured else min(
+        UNIT_SPELLINGS, key=lambda unit: abs(np.log(UNIT_SPELLINGS[unit][0] / guess)))
     unit = UNIT_SPELLINGS[named][0]
     if measured and abs(unit / guess - 1.) > UNIT_TOLERANCE:
         return guess, f'unit of {guess:.4g} m, as the wrist moves'
-    return unit, f'in {named}, as {"the wrist moves" if measured else "its size tells"}'
+    reason = 'the wrist moves' if measured else 'its size tells'
+    return unit, f'in {UNIT_WORDS.get(named, named)}, as {reason}'

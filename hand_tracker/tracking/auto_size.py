@@ -108,7 +108,9 @@ class AutoSize:
             As by `add`.
         """
         self._due = [self._seen_for] if self._due and len(self._kept) >= LEAST_KEPT else []
-        return self._advance()
+        found = self._advance()
+        self._due, self.is_learning = [], False
+        return found
 
     def _advance(self) -> Hand | None:
         """Begin an estimate that is due; return the hand of one that has come."""

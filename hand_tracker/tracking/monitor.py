@@ -193,8 +193,8 @@ class Monitor:
 
     @property
     def residual(self) -> float:
-        """Mean distance of the seen markers from the tracked hand, 0 without one [m]."""
-        return self._input.fit.mean
+        """Mean distance of the last frame's seen markers from the hand, 0 without one [m]."""
+        return self._input.fit.residual
 
     @property
     def is_wrong(self) -> bool:

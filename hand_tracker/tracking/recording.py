@@ -34,7 +34,7 @@ from .exchange_check import ExchangeCheck
 from .monitor import Monitor
 from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
-from .stream import Reader, Stream, TrackedFrame
+from .stream import LearnedSize, Reader, Stream, TrackedFrame
 
 POSE_SIZE = 7  # numbers of a position and a quaternion
 
@@ -178,14 +178,14 @@ class RecordedHand:
         See `track`.
     point_labels : PointLabels, optional
         Shared with the other hand in the messages, where there are no labels.
-    sized_by : RecordedHand, optional
-        Of the same hand and messages, whose size it has learned.
+    size : LearnedSize, optional
+        Learned from the same messages before.
     """
 
     def __init__(self, tracker: HandTracker, reading: MarkerReading = USUAL_READING,
                  monitor: Monitor | None = None, auto_size: bool = False,
                  point_labels: PointLabels | None = None,
-                 sized_by: RecordedHand | None = None) -> None:
+                 size: LearnedSize | None = None) -> None:
         self._monitor = monitor
         reader: Reader
         if reading.has_labels:
@@ -197,8 +197,8 @@ class RecordedHand:
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()
-        if sized_by is not None:
-            self._stream.take_size_of(sized_by._stream)
+        if size is not None:
+            self._stream.begin_with(size)
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
             if reading.has_labels:
@@ -209,9 +209,9 @@ class RecordedHand:
         """Whether the size of the hand is still to be learned."""
         return self._stream.size == 'learning'
 
-    def finish_learning(self) -> None:
-        """Learn the size of the hand from the messages until now."""
-        self._stream.finish_learning()
+    def finish_learning(self) -> LearnedSize | None:
+        """Learn the size of the hand from the messages until now, None where they tell none."""
+        return self._stream.finish_learning()
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

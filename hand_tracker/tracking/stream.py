@@ -137,6 +137,20 @@ class FrameTime:
         return time if self._is_stamped else received
 
 
+class LearnedSize(NamedTuple):
+    """Size of a hand that nobody measured.
+
+    Attributes
+    ----------
+    hand : Hand
+    is_confirmed : bool
+        As of `AutoSize`.
+    """
+
+    hand: Hand
+    is_confirmed: bool
+
+
 class Stream:
     """Track messages one by one.
 
@@ -297,21 +311,14 @@ class Stream:
         return (f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the knuckles of index and '
                 'little finger')
 
-    def take_size_of(self, other: Stream) -> None:
-        """Begin with the size that another stream has learned from these markers, if it has one.
-
-        Parameters
-        ----------
-        other : Stream
-            Of the same hand and layout, after `finish_learning`.
-        """
-        if not other._is_sized:
-            return
-        assert other._auto_size is not None
-        self._auto_size, self._is_sized = other._auto_size, True
-        self.tracker.configure(other.tracker.hand)
-        if isinstance(self.reader, PointLabelReader) and self._auto_size.is_confirmed:
-            self.reader.replace_hand(self.tracker.hand)
+    def begin_with(self, size: LearnedSize) -> None:
+        """Begin with a size that was learned from these markers before; learn no other."""
+        assert self._auto_size is not None
+        self._auto_size.finish()
+        self.tracker.configure(size.hand)
+        if size.is_confirmed and isinstance(self.reader, PointLabelReader):
+            self.reader.replace_hand(size.hand)
+        self._is_sized = True
         self._log_learned_size()
 
     def learn_size_anew(self) -> None:
@@ -375,10 +382,13 @@ class Stream:
         else:
             self._log_learned_size()
 
-    def finish_learning(self) -> None:
-        """Learn the hand's size from what was seen of it, as no other frames follow."""
-        if self._auto_size is not None and self._auto_size.is_learning:
+    def finish_learning(self) -> LearnedSize | None:
+        """Learn the size from what was seen of the hand; return it, None where none was found."""
+        assert self._auto_size is not None
+        if self._auto_size.is_learning:
             self._take_estimate(self._auto_size.finish())
+        return LearnedSize(self.tracker.hand, self._auto_size.is_confirmed
+                           ) if self._is_sized else None
 
     def _take_estimate(self, sized: Hand | None) -> None:
         assert self._auto_size is not None

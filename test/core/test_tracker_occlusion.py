@@ -458,6 +458,22 @@ def test_labels_stay_put_right_as_one_of_those_exchanged_vanishes(hidden):
     assert (state.marker_states[[INDEX, MIDDLE]] == MarkerState.SWAPPED).all()
 
 
+def test_labels_of_markers_that_were_all_hidden_for_long_are_as_given():
+    relaxed, tracker = HAND.relaxed(), HandTracker(HAND)
+    for frame in range(180):
+        markers = markers_at(frame, angles=relaxed)
+        if 60 <= frame < 90:
+            markers[[INDEX, MIDDLE]] = markers[[MIDDLE, INDEX]]
+        if 90 <= frame < 160:
+            markers[[INDEX, MIDDLE]] = np.nan
+        if frame >= 160:
+            markers[INDEX] = np.nan
+        state = tracker.update(markers, frame * STEP)
+        if frame == 89:
+            assert state.marker_states[INDEX] == MarkerState.SWAPPED
+    assert state.marker_states[MIDDLE] == MarkerState.SEEN
+
+
 def test_a_digit_that_overlapped_as_it_was_seen_leaves_the_others_without_a_leap():
     shapes = hand_capsules(HAND)
     tracker = HandTracker(HAND)

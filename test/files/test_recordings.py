@@ -331,7 +331,9 @@ def test_trc_files_of_spreadsheets_and_with_doubled_tabs_are_read(tmp_path):
     commas = [line.replace('\t', ',').ljust(60, ',') for line in lines]
     commas.insert(5, 60 * ',')
     doubled = [*lines[:2], lines[2].replace('\t', '\t\t'), *lines[3:]]
-    for other in (commas, doubled):
+    # As of others: a cell of the header is empty, and a tab is at its end.
+    sparse = [*lines[:2], lines[2].replace('100\t100', '100\t') + '\t', *lines[3:]]
+    for other in (commas, doubled, sparse):
         found = read_recording(text_file(tmp_path, '\n'.join(other) + '\n', 'a.trc'))
         assert (found.labels, found.rate, found.axes) == (truth.labels, truth.rate, truth.axes)
         np.testing.assert_array_equal(found.points, truth.points)

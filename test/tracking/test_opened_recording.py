@@ -104,9 +104,18 @@ def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
         points=mirrored, format='BVH', said=said, notes=(conversion_note(Axes('m', 'z'), said),)))
     assert found.axes == Axes(unit, 'z', 'left')
     assert [note for note in found.notes if 'the file is in' in note] == [
-        f'the file is in {unit} (as the hand is 62 mm wide then, more or less: --units), z up; '
-        'read as metres, z up']
+        f'the file is in {"inches" if unit == "in" else unit} (as the hand is 62 mm wide then, '
+        'more or less: --units), z up; read as metres, z up']
     np.testing.assert_allclose(found.points, recording.points, rtol=1e-5)
+
+
+@pytest.mark.parametrize('unit, size', [('cm', 100.), ('mm', 1000.)])
+@pytest.mark.parametrize('share', [.6, 1.6])
+def test_a_hand_of_another_size_is_not_in_inches(unit, size, share):
+    recording = hand_recording(40)
+    found = with_recognised_axes(recording._replace(
+        points=share * size * recording.points, format='BVH', said=Said(False, True, True)))
+    assert found.axes.units == unit
 
 
 def test_a_declared_unit_that_cannot_be_is_told_of():

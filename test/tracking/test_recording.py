@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from helpers.hands import markers_of
 from scipy.spatial.transform import Rotation
 
 from benchmarks.offline import measure_one
@@ -41,6 +42,7 @@ from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.progress import Progress
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.packaged_recordings import (
     RECORDING_RATE,
     both_hands_messages,
@@ -284,6 +286,31 @@ def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
         return np.abs(table[late, pip] - np.degrees(recording.angles[late, pip - 1])).mean()
 
     assert error() < 4. < 15. < error(GIVEN_SIZE)
+
+
+def test_points_without_labels_of_a_hand_whose_size_is_learned_are_told_apart_by_a_usual_one(
+        tmp_path, capsys):
+    hand, layout = Hand.scaled(), preset_layout('vicon_production5')
+    angles, *wrist = motion_named('demo', hand).sample(np.arange(60) / 60.)
+    points = markers_of(hand, angles, layout, *wrist)
+    np.savez(tmp_path / 'in.npz', markers=points, rate_hz=60.,
+             marker_names=[str(row) for row in range(points.shape[1])])
+    main([str(tmp_path / 'in.npz'), '-o', str(tmp_path / 'out.csv'), '--labels', 'none',
+          '--layout', 'vicon_production5', '--side', 'right'])
+    assert 'are told apart by the shape of a usual hand' in capsys.readouterr().err
+
+
+def test_the_minute_in_which_the_size_is_learned_begins_with_the_hand(tmp_path, capsys):
+    recording = demo_recording(Hand.scaled(.205, .095))
+    messages = [*recording_messages(recording._replace(
+        stamps=recording.stamps[:240], markers=recording.markers[:240],
+        angles=recording.angles[:240]), 'right')]
+    early = bag_message('/other', messages[0].time - 70 * 10**9,
+                        marker_array_message(1, 'mocap', (), np.zeros((0, 3))))
+    write_bag(tmp_path / 'in.mcap', (early, *messages))
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv')]) == 0
+    said = capsys.readouterr().err
+    assert said.index('the size of the hand is learned') < said.index('tracking')
 
 
 @pytest.mark.parametrize('seconds', [.6, 3.])

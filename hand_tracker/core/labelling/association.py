@@ -304,7 +304,7 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
         row = rows[i]
         if not seen[row]:
             state.unseen_for[i] += max(step, 0.0)
-            if state.unseen_for[i] > patience:
+            if 0.0 < patience < state.unseen_for[i]:
                 evidence.last[i] = i
             continue
         evidence.last[i] = row
