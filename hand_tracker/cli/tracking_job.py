@@ -173,7 +173,7 @@ class TrackingJob:
                 until = min(until, message.time + 1e9 * LEARNING_SPAN)
             if message.time > until or not any(hand.learns_size for hand in hands.values()):
                 break
-        return {side: hand.finish_learning() for side, hand in hands.items()}
+        return {side: hand.found_size for side, hand in hands.items()}
 
     def _messages(self) -> Iterator[BagMessage]:
         for message in self._bag.messages([self._topic]):

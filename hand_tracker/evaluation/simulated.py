@@ -3,9 +3,8 @@
 The tracker's hand model is not the simulated hand but has the errors of a calibration: 2 % in
 every bone and every coordinate of the palm's joints, 1 mm per axis in every marker offset, 10 % of
 the slope and 2 degrees in the coupling of the distal joints (standard deviations, drawn for each
-motion); as there, a finger's only marker counts as 1 mm off its place. Limits and axes of the
-joints are those of the simulated hand, so that abduction and thumb are better known than those of
-a real hand. The tracker's input is the measured markers only.
+motion). Limits and axes of the joints are those of the simulated hand, so that abduction and thumb
+are better known than those of a real hand. The tracker's input is the measured markers only.
 
 The seed of a motion is the given seed plus the number of the motion. Eight cameras of 3600 by 3600
 pixels and 60 degrees stand in a ring of 1.6 m radius, with noise of half a pixel; the tables of

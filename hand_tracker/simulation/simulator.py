@@ -5,7 +5,7 @@ calibration, as a tracker would be given them.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from typing import NamedTuple
@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError, InvalidLayout
-from ..core.model.hand import FINGERS, Hand
+from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..core.model.marker_rows import USUAL_DEVIATION
 from ..files.bags import BagMessage, bag_message, marker_array_message, pose_message
 from ..files.hand_file import choose_hand
 from .cameras import CameraRig
@@ -164,8 +163,7 @@ def calibrated(hand: Hand, layout: MarkerLayout, seed: int) -> tuple[Hand, Marke
     """Return hand and layout with random calibration errors.
 
     Bones and coordinates of the palm's joints err by `LENGTH_ERROR`, marker offsets by
-    `OFFSET_ERROR`, of which the layout has a deviation for fingers with one marker, the coupling
-    by `COUPLING_SLOPE_ERROR` and `COUPLING_OFFSET_ERROR`.
+    `OFFSET_ERROR`, the coupling by `COUPLING_SLOPE_ERROR` and `COUPLING_OFFSET_ERROR`.
 
     Parameters
     ----------
@@ -187,12 +185,7 @@ def calibrated(hand: Hand, layout: MarkerLayout, seed: int) -> tuple[Hand, Marke
     coupling = np.column_stack((
         slope * (1. + COUPLING_SLOPE_ERROR * random.standard_normal(len(slope))),
         offset + COUPLING_OFFSET_ERROR * random.standard_normal(len(offset))))
-    deviations = layout.deviations.copy()
-    if layout.names == MARKERS:
-        # As by a calibration, to which a finger's one marker does not show it.
-        deviations[[MARKERS.index(finger) for finger in FINGERS]] = USUAL_DEVIATION
-    return (hand.replace(coupling=coupling, **fields),
-            replace(layout, offsets=offsets, deviations=deviations))
+    return hand.replace(coupling=coupling, **fields), layout.with_offsets(offsets)
 
 
 def simulated_hand(path: str | PathLike[str] | None = None, side: str | None = None,

@@ -17,7 +17,6 @@ from .point_labels import hand_prototype
 # [s] with the whole palm seen after which the size is estimated; after the last it is kept.
 LEARNING_TIMES = (1., 2.5, 5.)
 SAMPLE_PERIOD = .02     # [s] between two frames that are kept
-LEAST_KEPT = 20         # frames that are enough where no others follow; ours
 CHECKED_CLOUDS = 12     # frames whose labels are checked, of points without labels
 CHECKED_POINTS = 100    # of such a frame: a search among more takes longer than a frame may
 MOST_REFUSALS = 6       # of estimates by wrong labels, after which no other is made; ours
@@ -68,6 +67,11 @@ class AutoSize:
         """Return another one that has seen no frame of the hand."""
         return AutoSize(self.hand, self._layout, self._in_background)
 
+    def stop(self) -> None:
+        """Make no other estimate."""
+        self._due.clear()
+        self.is_learning = False
+
     def _begin(self) -> None:
         self._kept: list[np.ndarray] = []
         self._clouds: list[tuple[np.ndarray, np.ndarray]] = []
@@ -95,26 +99,9 @@ class AutoSize:
         Hand or None
             A hand of the size estimated since the last frame, None where there is none.
         """
+        found = self._take_estimate()
         if self._due and time is not None:
             self._keep(markers, time, cloud)
-        return self._advance()
-
-    def finish(self) -> Hand | None:
-        """Estimate by what was seen, if it is not too little, and make no other estimate.
-
-        Returns
-        -------
-        Hand or None
-            As by `add`.
-        """
-        self._due = [self._seen_for] if self._due and len(self._kept) >= LEAST_KEPT else []
-        found = self._advance()
-        self._due, self.is_learning = [], False
-        return found
-
-    def _advance(self) -> Hand | None:
-        """Begin an estimate that is due; return the hand of one that has come."""
-        found = self._take_estimate()
         if self._due and self._seen_for >= self._due[0] and not self._is_estimating:
             self._due.pop(0)
             self._is_estimating = True

@@ -209,9 +209,10 @@ class RecordedHand:
         """Whether the size of the hand is still to be learned."""
         return self._stream.size == 'learning'
 
-    def finish_learning(self) -> LearnedSize | None:
-        """Learn the size of the hand from the messages until now, None where they tell none."""
-        return self._stream.finish_learning()
+    @property
+    def found_size(self) -> LearnedSize | None:
+        """The size of the hand by the messages until now, None where they tell none."""
+        return self._stream.found_size
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:

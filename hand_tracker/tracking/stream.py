@@ -311,10 +311,17 @@ class Stream:
         return (f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the knuckles of index and '
                 'little finger')
 
+    @property
+    def found_size(self) -> LearnedSize | None:
+        """The size that was learned until now, None where none was."""
+        if self._auto_size is None or not self._is_sized:
+            return None
+        return LearnedSize(self.tracker.hand, self._auto_size.is_confirmed)
+
     def begin_with(self, size: LearnedSize) -> None:
         """Begin with a size that was learned from these markers before; learn no other."""
         assert self._auto_size is not None
-        self._auto_size.finish()
+        self._auto_size.stop()
         self.tracker.configure(size.hand)
         if size.is_confirmed and isinstance(self.reader, PointLabelReader):
             self.reader.replace_hand(size.hand)
@@ -367,9 +374,13 @@ class Stream:
 
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
-        reader = self.reader
-        self._take_estimate(self._auto_size.add(
-            markers, time, reader.cloud if isinstance(reader, PointLabelReader) else None))
+        reader = self.reader if isinstance(self.reader, PointLabelReader) else None
+        sized = self._auto_size.add(markers, time, None if reader is None else reader.cloud)
+        if sized is not None:
+            sized = self._take_size(sized)
+            if reader is not None and self._auto_size.is_confirmed:
+                reader.replace_hand(sized)
+            self._is_sized = True
         if self._auto_size.is_learning or not self.tracker.placed:
             return
         if not self._is_sized and self._auto_size.is_refused:
@@ -381,23 +392,6 @@ class Stream:
                                     'of the mean hand, unless a size or a hand file is given'))
         else:
             self._log_learned_size()
-
-    def finish_learning(self) -> LearnedSize | None:
-        """Learn the size from what was seen of the hand; return it, None where none was found."""
-        assert self._auto_size is not None
-        if self._auto_size.is_learning:
-            self._take_estimate(self._auto_size.finish())
-        return LearnedSize(self.tracker.hand, self._auto_size.is_confirmed
-                           ) if self._is_sized else None
-
-    def _take_estimate(self, sized: Hand | None) -> None:
-        assert self._auto_size is not None
-        if sized is None:
-            return
-        sized = self._take_size(sized)
-        if isinstance(self.reader, PointLabelReader) and self._auto_size.is_confirmed:
-            self.reader.replace_hand(sized)
-        self._is_sized = True
 
     def _log_learned_size(self) -> None:
         self._log_lines.append((False, f'the size of the hand is learned: {self.learned_size}'))

@@ -231,20 +231,6 @@ def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(
         not are_right, True)
 
 
-@pytest.mark.parametrize('are_right', [True, False])
-def test_learning_ends_where_no_other_frames_follow(are_right, monkeypatch):
-    monkeypatch.setattr(auto_size_module, 'are_confirmed', lambda *_: are_right)
-    hand = Hand.scaled(.205, .095)
-    positions = markers_of(hand, motion_named('demo', hand).sample(np.arange(0., .6, .02))[0])
-    auto_size = AutoSize(Hand.scaled(), MarkerLayout())
-    for number, frame in enumerate(positions):
-        assert auto_size.add(frame, .02 * number, frame) is None and auto_size.is_learning
-    found = auto_size.finish()
-    assert not auto_size.is_learning and auto_size.is_confirmed == are_right
-    assert (found is not None) == are_right
-    assert auto_size.add(positions[0], 1., positions[0]) is None and not auto_size.is_learning
-
-
 def test_a_size_that_was_given(stream):
     stream.track([markers()], 2., no_receipt)
     assert (stream.size, stream.tracker.configured, stream.pop_log_lines()) == ('given', [], [])
