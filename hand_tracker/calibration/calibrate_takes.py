@@ -21,6 +21,7 @@ from .fit_report import FitReport, average_rate, report_fit
 from .fitted_hand import place_mounted
 from .full_layout import fitted_layout
 from .joint_centres import are_joint_centres, landmark_frames
+from .label_repair import with_labels_put_right, worn_order
 from .layout_names import names_in_layout
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .ruler import UNMEASURED, Ruler
@@ -74,7 +75,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     require_writable(picture, PICTURE_SUFFIXES)
     for weak in check_takes(takes):
         print(f'note: {weak}', file=sys.stderr)
-    gathered = gather(takes, ruler)
+    gathered = gather(_repaired(takes, prepare), ruler)
     if are_joint_centres(gathered):
         if ruler != UNMEASURED:
             print('note: what a ruler says is not used, as joints tell all lengths',
@@ -115,6 +116,20 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     return (f'{output}: {takes[0].side} hand of {1e3 * fit.length:.0f} mm (standard deviation '
             f'{1e3 * fit.length_deviation:.0f} mm), and at its end each fitted parameter '
             f'with its standard deviation; its markers are drawn in {picture}')
+
+
+def _repaired(takes: Sequence[MarkerTake], prepare: Callable[[], object]) -> list[MarkerTake]:
+    """Return takes whose exchanged labels are put right, and say so."""
+    repaired = []
+    for take in takes:
+        if worn_order(take) is not None:
+            prepare()
+        right, changed = with_labels_put_right(take)
+        if changed:
+            print(f'note: {take.name}: labels are exchanged in {changed} of {len(take.points)} '
+                  'frames, and were put right', file=sys.stderr)
+        repaired.append(right)
+    return repaired
 
 
 def _fit_with_progress(gathered: Gathered, side: str, limits: str,

@@ -8,6 +8,7 @@ from PIL import Image
 from hand_tracker.calibration import LANDMARKS, landmark_positions
 from hand_tracker.calibration.coverage import coverage, missing_movements
 from hand_tracker.calibration.frame_choice import spread_frames
+from hand_tracker.calibration.label_repair import worn_order
 from hand_tracker.calibration.ruler import Ruler
 from hand_tracker.calibration.ruler_check import ruler_doubts
 from hand_tracker.calibration.takes import gather
@@ -183,6 +184,23 @@ def test_takes_of_two_people_are_doubted(tmp_path, capsys):
         assert main([str(tmp_path / 'one.npz'), str(tmp_path / f'{other}.npz'), '-o',
                      str(tmp_path / 'hand.yaml')]) == 0
         assert ('another person, or markers put on anew?' in capsys.readouterr().err) == is_doubted
+
+
+def test_exchanged_labels_of_a_take_are_put_right(tmp_path, capsys):
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=20.)
+    points = take.points.copy()
+    for number, start in enumerate(range(150, len(points) - 100, 200)):
+        row, these = 3 + number % 3, slice(start, start + 60)
+        points[these, [row, row + 1]] = points[these, [row + 1, row]]
+    hands = []
+    for name, these in (('right', take.points), ('exchanged', points)):
+        take._replace(points=these).save(tmp_path / f'{name}.npz')
+        assert main([str(tmp_path / f'{name}.npz'), '-o', str(tmp_path / f'{name}.yaml')]) == 0
+        assert ('and were put right' in capsys.readouterr().err) == (name == 'exchanged')
+        hands.append(load_hand(tmp_path / f'{name}.yaml')[0])
+    right, exchanged = hands
+    np.testing.assert_allclose(exchanged.finger_bones, right.finger_bones, atol=.0025)
+    assert worn_order(take._replace(names=take.names[1:], points=take.points[:, 1:])) is None
 
 
 def test_a_folder_stands_for_the_takes_in_it(tmp_path, capsys):

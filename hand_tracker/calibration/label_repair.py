@@ -1,0 +1,66 @@
+"""Exchanged labels of the eight worn markers in a take, put right before it is fitted.
+
+The tracker puts them right; it tracks the take as that of a usual hand of the size of its markers.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.model.hand import Hand
+from ..core.model.layout_presets import SKIN_LAYOUT, preset_layout
+from ..core.model.marker_layout import DIGIT_LANDMARKS, MARKERS, PAPER_PLACES
+from ..core.model.states import SEEN, SWAPPED
+from ..core.tracker import HandTracker
+from .marker_names import canonical_name
+from .size import fit_size
+from .takes import MarkerTake
+
+PALM_PLACES = PAPER_PLACES[:3]
+
+
+def with_labels_put_right(take: MarkerTake) -> tuple[MarkerTake, int]:
+    """Put exchanged labels of a take of the eight worn markers alone right.
+
+    Parameters
+    ----------
+    take : MarkerTake
+
+    Returns
+    -------
+    MarkerTake
+        The same for takes of other markers, and where none are exchanged. A marker whose label
+        another one has is missing.
+    int
+        In how many frames labels were exchanged.
+    """
+    order = worn_order(take)
+    if order is None:
+        return take, 0
+    places = [canonical_name(take.names[row]) for row in order]
+    layout = replace(preset_layout(SKIN_LAYOUT), places=tuple(places))
+    usual = Hand.scaled(side=take.side)
+    points = take.points[:, order]
+    tracker = HandTracker(fit_size(points, usual, layout) or usual, layout)
+    right, changed = take.points.copy(), 0
+    for frame, (measured, sequence) in enumerate(zip(points, take.sequence)):
+        if frame and sequence != take.sequence[frame - 1]:
+            tracker.reset()
+        state = tracker.update(measured, frame / take.rate)
+        is_swapped = state.marker_states == SWAPPED
+        if not is_swapped.any():
+            continue
+        changed += 1
+        put_right = np.where(is_swapped[:, None], state.markers, measured)
+        put_right[~is_swapped & (state.marker_states != SEEN)] = np.nan
+        right[frame, order] = put_right
+    return (take._replace(points=right), changed) if changed else (take, 0)
+
+
+def worn_order(take: MarkerTake) -> list[int] | None:
+    """Return the rows of the eight worn markers, in the order of `MARKERS`; None for others."""
+    names = [canonical_name(name) for name in take.names]
+    wanted = [(place,) for place in PALM_PLACES] + [
+        DIGIT_LANDMARKS[digit] for digit in MARKERS[len(PALM_PLACES):]]
+    rows = [row for places in wanted for row, name in enumerate(names) if name in places]
+    return rows if len(rows) == len(names) == len(MARKERS) else None
