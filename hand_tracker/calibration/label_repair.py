@@ -9,14 +9,13 @@ import numpy as np
 
 from ..core.model.hand import Hand
 from ..core.model.layout_presets import SKIN_LAYOUT, preset_layout
-from ..core.model.marker_layout import DIGIT_LANDMARKS, MARKERS, PAPER_PLACES
+from ..core.model.marker_layout import DIGIT_LANDMARKS, MARKERS
 from ..core.model.states import SEEN, SWAPPED
 from ..core.tracker import HandTracker
 from .marker_names import canonical_name
 from .size import fit_size
 from .takes import MarkerTake
-
-PALM_PLACES = PAPER_PLACES[:3]
+from .worn_markers import PAPER_PALM
 
 
 def with_labels_put_right(take: MarkerTake) -> tuple[MarkerTake, int]:
@@ -60,7 +59,7 @@ def with_labels_put_right(take: MarkerTake) -> tuple[MarkerTake, int]:
 def worn_order(take: MarkerTake) -> list[int] | None:
     """Return the rows of the eight worn markers, in the order of `MARKERS`; None for others."""
     names = [canonical_name(name) for name in take.names]
-    wanted = [(place,) for place in PALM_PLACES] + [
-        DIGIT_LANDMARKS[digit] for digit in MARKERS[len(PALM_PLACES):]]
+    wanted = [(place,) for place in PAPER_PALM] + [
+        DIGIT_LANDMARKS[digit] for digit in MARKERS[len(PAPER_PALM):]]
     rows = [row for places in wanted for row, name in enumerate(names) if name in places]
     return rows if len(rows) == len(names) == len(MARKERS) else None
