@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -262,10 +262,14 @@ def likelier_unit(recording: PointRecording) -> str:
 
 def likely_unit(times: float) -> str:
     """Return the unit of what is so many times as large as usual, read in metres: mostly metric."""
-    metric, any_unit = (min(units, key=lambda name: abs(np.log(times * UNIT_SPELLINGS[name][0])))
-                        for units in (SIZE_UNITS, LIKELIER_UNITS))
+    metric = nearest_unit(times, SIZE_UNITS)
     is_of_size = 1. / METRIC_SIZE <= times * UNIT_SPELLINGS[metric][0] <= METRIC_SIZE
-    return metric if is_of_size else any_unit
+    return metric if is_of_size else nearest_unit(times, LIKELIER_UNITS)
+
+
+def nearest_unit(times: float, units: Iterable[str]) -> str:
+    """Return the unit that makes what is so many times as large, read in metres, most usual."""
+    return min(units, key=lambda name: abs(np.log(times * UNIT_SPELLINGS[name][0])))
 
 
 def _likelier_unit_of_cloud(axes: Axes, scale: float) -> str:
@@ -275,17 +279,13 @@ def _likelier_unit_of_cloud(axes: Axes, scale: float) -> str:
 
 
 def _likelier_unit(axes: Axes, scale: float, units: Sequence[str] = LIKELIER_UNITS) -> str:
-    unit = _unit_of(axes, scale, units)
+    unit = nearest_unit(scale / axes.scale, units)
     return '' if _is_of_size(scale, axes, axes.units or 'm') or unit == axes.units else unit
 
 
 def _is_of_size(scale: float, axes: Axes, unit: str) -> bool:
     """Return whether a hand has the size of hands, read in a unit."""
     return 1. / WRONG_SIZE < scale * UNIT_SPELLINGS[unit][0] / axes.scale < WRONG_SIZE
-
-
-def _unit_of(axes: Axes, scale: float, units: Sequence[str]) -> str:
-    return min(units, key=lambda name: abs(np.log(scale * UNIT_SPELLINGS[name][0] / axes.scale)))
 
 
 def _larger_hands(recording: PointRecording) -> list[HandPoints]:

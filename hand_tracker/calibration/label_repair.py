@@ -28,8 +28,8 @@ def with_labels_put_right(take: MarkerTake) -> tuple[MarkerTake, int]:
     Returns
     -------
     MarkerTake
-        The same for takes of other markers, and where none are exchanged. A marker whose label
-        another one has is missing.
+        The same for takes of other markers, and where none are exchanged. In frames with exchanged
+        labels a marker that the tracker does not see is missing.
     int
         In how many frames labels were exchanged.
     """
@@ -61,5 +61,6 @@ def worn_order(take: MarkerTake) -> list[int] | None:
     names = [canonical_name(name) for name in take.names]
     wanted = [(place,) for place in PAPER_PALM] + [
         DIGIT_LANDMARKS[digit] for digit in MARKERS[len(PAPER_PALM):]]
-    rows = [row for places in wanted for row, name in enumerate(names) if name in places]
-    return rows if len(rows) == len(names) == len(MARKERS) else None
+    found = [[row for row, name in enumerate(names) if name in places] for places in wanted]
+    is_worn = len(names) == len(MARKERS) and all(len(rows) == 1 for rows in found)
+    return [row for row, in found] if is_worn else None

@@ -20,7 +20,7 @@ UNIT_SPELLINGS = {
     'in': (.0254, ('in', 'inch', 'inches')),
     'ft': (.3048, ('ft', 'foot', 'feet')),
 }
-UNIT_WORDS = {'in': 'inches', 'ft': 'feet'}     # of units that a sentence does not bear
+UNIT_WORDS = {'in': 'inches', 'ft': 'feet'}     # for sentences, in which 'in in' is odd
 UP_AXES = ('x', 'y', 'z', '-x', '-y', '-z')
 HANDEDNESS = ('right', 'left')  # of axes
 # Rows: the axes x, y, z of this package in those of a right-handed file, by its upward axis.

@@ -6,9 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from ..calibration.hand_axes import BODY_SIZE, likely_unit
+from ..calibration.hand_axes import BODY_SIZE, likely_unit, nearest_unit
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..files.bvh_file import BvhJoint, depth_first, rest_size
@@ -174,8 +172,7 @@ def body_unit(joints: Sequence[BvhJoint], measured: float | None) -> tuple[float
         How it was found.
     """
     guess = measured or BODY_SIZE / rest_size(joints)
-    named = likely_unit(1. / guess) if not measured else min(
-        UNIT_SPELLINGS, key=lambda unit: abs(np.log(UNIT_SPELLINGS[unit][0] / guess)))
+    named = nearest_unit(1. / guess, UNIT_SPELLINGS) if measured else likely_unit(1. / guess)
     unit = UNIT_SPELLINGS[named][0]
     if measured and abs(unit / guess - 1.) > UNIT_TOLERANCE:
         return guess, f'unit of {guess:.4g} m, as the wrist moves'

@@ -201,6 +201,9 @@ def test_exchanged_labels_of_a_take_are_put_right(tmp_path, capsys):
     right, exchanged = hands
     np.testing.assert_allclose(exchanged.finger_bones, right.finger_bones, atol=.0025)
     assert worn_order(take._replace(names=take.names[1:], points=take.points[:, 1:])) is None
+    # Two markers on the index finger, none on the middle one.
+    assert worn_order(take._replace(names=tuple(
+        name.replace('middle_dip', 'index_tip') for name in take.names))) is None
 
 
 def test_a_folder_stands_for_the_takes_in_it(tmp_path, capsys):
