@@ -319,7 +319,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
         angle = found + share * (angle - found)
         aim, miss = _aim(linkage, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step
-    two_bends = (hinges == 2 or chains.skin[digit] > 0.) and straight > max(linkage.lower[1], 0.)
+    two_bends = straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
         # Two bends may fit alike, as for the solution itself: from one to the other without a leap.
         angle = before + math.copysign(farthest, angle - before)

@@ -346,7 +346,7 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
     ideal1 = aim - math.atan2(y, x)
     angle1 = clamp_angle(ideal1, linkage.lower[0], linkage.upper[0])
     if abs(wrap_angle(angle1 - ideal1)) > ANGLE_ROUNDING:
-        angle2, angle3 = _descend(along, height, linkage, start, angle1, angle2, angle3)
+        angle2, angle3 = _descend(along, height, linkage, angle1, angle2, angle3)
     return angle1, angle2, angle3
 
 
@@ -428,8 +428,8 @@ def _curled(linkage: Linkage, curl: float) -> tuple[float, float]:
 
 
 @jit
-def _descend(along: float, height: float, linkage: Linkage, start: float, angle1: float,
-             angle2: float, angle3: float) -> tuple[float, float]:
+def _descend(along: float, height: float, linkage: Linkage, angle1: float, angle2: float,
+             angle3: float) -> tuple[float, float]:
     """Return the second and third flexion nearest the target at a given first, by descent.
 
     Descending from the given flexions stays on one side of an unreachable target, where the
@@ -448,7 +448,7 @@ def _descend(along: float, height: float, linkage: Linkage, start: float, angle1
     miss = math.hypot(x - ahead, y - below)
     step = FIRST_DESCENT_STEP
     while abs(step) > LAST_DESCENT_STEP:
-        tried = clamp(curl + step, start, farthest)
+        tried = clamp(curl + step, linkage.lower[1], farthest)
         angle2, angle3 = _curled(linkage, tried)
         x, y = coupled_end(linkage, angle2, angle3)
         nearer = math.hypot(x - ahead, y - below)

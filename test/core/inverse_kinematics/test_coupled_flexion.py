@@ -156,3 +156,11 @@ def test_rigid_behind_the_second_hinge_is_straightest_where_the_search_finds_it(
     rigid = straightest(linkage(0., offset, droop))
     searched = straightest(linkage(1e-12, offset, droop))
     assert rigid == pytest.approx(searched, abs=np.ptp(LIMITS[1]) / 1000.)
+
+
+def test_extended_beyond_straightest_a_nail_marker_is_met_with_the_first_at_its_limit():
+    chain = linkage(1., droop=NAIL_ANGLE)
+    for second in np.linspace(LIMITS[1, 0], straightest(chain), 20):
+        angles = LIMITS[0, 0], second, coupled_angle(chain, second)
+        np.testing.assert_allclose(
+            solve(end(angles, NAIL_ANGLE), 1., 0., NAIL_ANGLE), angles, atol=1e-6)
