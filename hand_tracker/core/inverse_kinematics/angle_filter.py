@@ -24,7 +24,7 @@ from ..numerics.jit import jit
 from ..numerics.vectors import Vector, clamp, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, in_plane, plane_direction
-from .digit import Chains, linkage_of, natural_flexion_of, planar_marker
+from .digit import THUMB, Chains, linkage_of, natural_flexion_of, planar_marker
 from .flexion import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
@@ -298,7 +298,9 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     variance = min(variance, left) if evidence.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    usual = natural.offset + natural.slope * _aim(linkage, target, angle)[0]
+    aim = _aim(linkage, target, angle)[0]
+    # A thumb's CMC extends without its MCP.
+    usual = natural.offset + natural.slope * (max(aim, 0.) if digit == THUMB else aim)
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
         usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.step, variance)
