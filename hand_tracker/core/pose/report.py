@@ -422,10 +422,11 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         if not digits.seen[digit]:
             continue
         for joint in range(5 * digit, 5 * digit + 5):
+            range_of_joint = chains.upper[joint] - chains.lower[joint]
             if several[joint] > 0.:
                 shown = SHARED_ERROR * several[joint]
-                found[joint] = deviation_within(shown * shown, LIMITS_SHARE * (
-                    chains.upper[joint] - chains.lower[joint]), 0.)
-            # An angle that still goes back to its marker is off by as much as it has to go.
+                found[joint] = deviation_within(shown * shown, LIMITS_SHARE * range_of_joint, 0.)
+            # An angle that still goes back to its marker is off by as much as it has to go, within
+            # limits that may be new.
             if offset[joint] != 0.:
-                found[joint] = math.hypot(found[joint], offset[joint])
+                found[joint] = math.hypot(found[joint], min(abs(offset[joint]), range_of_joint))
