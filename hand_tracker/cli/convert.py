@@ -64,6 +64,10 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
+    if suffix in STORAGE and (unseen := [label for label, is_seen in zip(
+            recording.labels, recording.seen.any(axis=0)) if label and not is_seen]):
+        print(f'{output}: {", ".join(unseen)} is never seen, and left out: messages hold what is '
+              'seen', file=sys.stderr)
     at_origin = [label or 'a point' for label, points in zip(
         recording.labels, recording.points.swapaxes(0, 1)) if (points == 0.).all(axis=1).any()]
     if at_origin and not (recording.is_landmarks and suffix in NPZ.suffixes):

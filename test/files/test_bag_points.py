@@ -173,6 +173,17 @@ def test_convert_writes_the_points_of_the_topic_asked_for(tmp_path, capsys):
     assert 'no topic /none of visualization_msgs/msg/MarkerArray or ' in capsys.readouterr().err
 
 
+def test_convert_names_the_points_that_messages_cannot_hold(tmp_path, capsys):
+    points = np.ones((20, 3, 3))
+    points[:, 1] = np.nan
+    given = tmp_path / 'given.npz'
+    np.savez(given, markers=points, marker_names=np.array(['a', 'b', 'c']), rate_hz=100.)
+    assert main(['convert', str(given), str(tmp_path / 'points.mcap')]) == 0
+    assert 'points.mcap: b is never seen, and left out' in capsys.readouterr().err
+    assert main(['convert', str(given), str(tmp_path / 'points.trc')]) == 0
+    assert 'never seen' not in capsys.readouterr().err
+
+
 def test_convert_names_markers_by_the_labels_of_the_command_line(tmp_path):
     path = write_clouds(tmp_path / 'take', np.ones((1, 3)), marker_messages(
         np.arange(9.).reshape(1, 3, 3) + 1., [RECORDING_START], ['leds/a', 'leds/b', 'leds/c']))
