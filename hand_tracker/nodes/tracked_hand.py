@@ -31,6 +31,7 @@ from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_check import ExchangeCheck
+from ..tracking.marker_events import has_many_exchanged
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
@@ -193,6 +194,8 @@ class TrackedHand:
         assert self._latest is not None
         self._latest = frames.stamp, self._latest[1], frames.state
         self._published.append(frames)
+        if has_many_exchanged(frames.state.marker_states):
+            self._node.disable_fast_path()
         if self.display.has_viewers:
             self._show()
 

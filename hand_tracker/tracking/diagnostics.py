@@ -13,7 +13,7 @@ import numpy as np
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
-from .fit_check import BAD_FIT_RESIDUAL
+from .fit_check import BAD_FIT_RESIDUAL, FAR_OFF_AFTER
 from .input_monitor import PALM_FAULTS, InputMonitor, StateRun
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
@@ -268,6 +268,8 @@ class Diagnostics:
             troubles.append(f'no markers for {quiet:.1f} s')
         if self._input.label_doubt is not None:
             troubles.append(self._input.label_doubt)
+        if self._input.fit.far_off_for >= FAR_OFF_AFTER:
+            troubles.append(f'{1e3 * self._input.fit.residual:.0f} mm off the hand')
         if self._input.fit.misfit > BAD_FIT_RESIDUAL:
             troubles.append(f'{1e3 * self._input.fit.misfit:.1f} mm off the hand on average')
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])

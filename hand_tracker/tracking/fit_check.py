@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
-OFF_HAND_AFTER = 2.  # [s] after which a hand with more in every frame is left out
+OFF_HAND_AFTER = 2.  # [s] after which a hand with more in most frames is left out
+FAR_OFF_AFTER = .5   # [s] after which that is warned of; ours
 # Fitted hands: 0 to 2.4 mm; 5 % too long or short: up to 3.3; markers on the skin: 5 to 8.
 BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
 FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
@@ -26,8 +27,9 @@ class FitCheck:
         Of all tracked frames, 0 without one [m].
     misfit : float
         Mean over the last `FIT_AFTER` of tracking [m].
-    is_off : bool
-        Whether every frame is far off the hand, for long.
+    far_off_for : float
+        Time with frames far off the hand since one that fitted, less that with others, up to
+        `OFF_HAND_AFTER` [s].
     is_misfit : bool
         Whether frames are far off on average, though not each one.
     has_fitted : bool
@@ -36,9 +38,15 @@ class FitCheck:
 
     def __init__(self) -> None:
         self.residual = 0.
-        self.is_off = False
-        self._off_since: float | None = None
+        self.far_off_for = 0.
+        self._is_far_off = False
+        self._judged: float | None = None
         self.forget()
+
+    @property
+    def is_off(self) -> bool:
+        """Whether frames are far off the hand, for long."""
+        return self.far_off_for >= OFF_HAND_AFTER
 
     def forget(self) -> None:
         """Begin the mean anew, as of another hand or by other labels."""
@@ -68,11 +76,7 @@ class FitCheck:
             self._frames += 1
             self.mean += (residual - self.mean) / self._frames
             self.has_fitted |= residual <= OFF_HAND_DISTANCE
-        if not is_tracked or self.residual <= OFF_HAND_DISTANCE:
-            self._off_since = None
-        elif self._off_since is None:
-            self._off_since = now
-        self.is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
+        self._note_distance(now, is_tracked)
         if not (is_tracked and is_of_side and is_seen) or self.is_off:
             return
         if self._last is not None:
@@ -80,6 +84,19 @@ class FitCheck:
             self._seconds += step
             self._total += step * residual
         self._last = now
+
+    def _note_distance(self, now: float, is_tracked: bool) -> None:
+        """Sum the time with frames far off: few in between that fit badly count little."""
+        step = 0. if self._judged is None else now - self._judged
+        was_far_off, self._judged = self._is_far_off, now
+        self._is_far_off = is_tracked and self.residual > OFF_HAND_DISTANCE
+        if not is_tracked or self.residual <= BAD_FIT_RESIDUAL:
+            self.far_off_for = 0.
+        elif not self._is_far_off:
+            self.far_off_for = max(self.far_off_for - step, 0.)
+        elif was_far_off:
+            # Rounded, as sums of steps miss the limit by as little.
+            self.far_off_for = min(round(self.far_off_for + step, 9), OFF_HAND_AFTER)
 
     def judge(self) -> float | None:
         """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""

@@ -16,6 +16,8 @@ UNLABELLED_AFTER = 1.   # [s] of points without a label, before points are label
 CHANGED_LABELS = 12     # frames with exchanged labels, within `UNLABELLED_AFTER`; ours
 POINT_STEP = .005       # [m] largest motion of a point whose label changes; ours
 LABEL_STEP = .015       # [m] least jump of that label; ours
+# Markers of a frame under labels of others, from which labels may be of no use; ours.
+MANY_EXCHANGED = 4
 
 EVENTS = {
     MarkerState.STALE: 'no longer seen, its part of the hand is a guess',
@@ -90,6 +92,17 @@ class MarkerEvents:
             self._reported[slots] = AS_EXPECTED
             events.append((False, 'seen again as expected', slots))
         return events
+
+
+def has_many_exchanged(marker_states: np.ndarray) -> bool:
+    """Return whether so many labels of a frame are exchanged that each frame is to be looked at.
+
+    Parameters
+    ----------
+    marker_states : ndarray of int, shape (n,)
+        `MarkerState` of each marker.
+    """
+    return bool((marker_states == MarkerState.SWAPPED).sum() >= MANY_EXCHANGED)
 
 
 class LabelChanges:

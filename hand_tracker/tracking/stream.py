@@ -25,6 +25,7 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
 from .compilation import COMPILE_TIME, PROGRAM, Compilation
+from .marker_events import has_many_exchanged
 from .point_labels import PointLabelReader
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
@@ -181,7 +182,7 @@ class Stream:
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._is_sized = False
-        self._blends = False
+        self._blends = self._has_many_exchanged = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
         self._labelling: Compilation | None = None  # of the kernels that label points
@@ -283,6 +284,7 @@ class Stream:
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
+        self._has_many_exchanged = has_many_exchanged(state.marker_states)
         frame = TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
             tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
@@ -339,9 +341,12 @@ class Stream:
 
     @property
     def needs_each_frame(self) -> bool:
-        """Whether `track` must see every frame: to label, learn the size, collect or blend in."""
+        """Whether `track` must see every frame: to label, learn the size, collect or blend in.
+
+        So it must where many labels are exchanged, to find out whether they are of any use.
+        """
         return (isinstance(self.reader, PointLabelReader) or self.size == 'learning'
-                or self.take is not None or self._blends)
+                or self.take is not None or self._blends or self._has_many_exchanged)
 
     def replace_hand(self, hand: Hand, layout: MarkerLayout,
                      options: TrackerOptions | None = None) -> None:

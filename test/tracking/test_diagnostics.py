@@ -9,7 +9,7 @@ from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.tracking.diagnostics import QUIET_AFTER, STATUS_GAP, Diagnostics, Level
-from hand_tracker.tracking.fit_check import FIT_AFTER, OFF_HAND_AFTER
+from hand_tracker.tracking.fit_check import FAR_OFF_AFTER, FIT_AFTER, OFF_HAND_AFTER
 from hand_tracker.tracking.input_monitor import SILENT_AFTER, InputMonitor
 
 
@@ -110,6 +110,15 @@ def test_markers_off_the_hand_are_an_error():
     status = hand.status(OFF_HAND_AFTER)
     assert status.level is Level.ERROR and '30 mm off the hand' in status.text
     assert status.values['mean residual [mm]'] == '30.00'
+
+
+def test_markers_far_off_the_hand_are_warned_of_before_they_are_left_out():
+    hand = Hand()
+    off = state_of()._replace(residuals=np.full(8, .03))
+    hand.feed(0., off)
+    assert hand.status(0.)[:2] == (Level.OK, 'tracking')
+    hand.feed(FAR_OFF_AFTER, off)
+    assert hand.status(FAR_OFF_AFTER)[:2] == (Level.WARN, 'tracking; 30 mm off the hand')
 
 
 def test_a_hand_that_fits_badly_and_markers_that_have_just_ended_are_warned_of():

@@ -170,6 +170,17 @@ def test_a_hand_far_off_is_taken_back_once_it_fits_for_two_seconds_not_for_a_mom
     assert not hand.watch.is_wrong
 
 
+# Off by less than counts as far off, by more than a hand that fits; and as in `feed_by_turns`.
+DOUBTFUL = state_of()._replace(residuals=np.full(8, .014))
+
+
+@pytest.mark.parametrize('between, is_left_out', [(DOUBTFUL, True), (state_of(), False)])
+def test_few_frames_that_fit_badly_do_not_take_a_hand_far_off_for_right(between, is_left_out):
+    hand = Input()
+    said = feed_by_turns(hand, 0., 2.5 * OFF_HAND_AFTER, *(FAR,) * 20, between)
+    assert any('26 mm off the hand, which is left out' in line for line in said) == is_left_out
+
+
 def test_a_recording_that_ends_far_off_says_so_and_not_that_it_was_left_out():
     hand = Input()
     feed_by_turns(hand, 0., .5 * FIT_AFTER, NEAR, FAR)

@@ -9,6 +9,7 @@ from helpers.hands import markers_of
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
 from hand_tracker.core.point_labelling.natural_poses import ANYBODY, SIZED
 from hand_tracker.core.tracker import HandTracker
@@ -19,6 +20,7 @@ from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
+from hand_tracker.tracking.marker_events import MANY_EXCHANGED
 from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
 from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
@@ -246,6 +248,15 @@ def test_another_hand_is_blended_in(stream):
         assert stream.needs_each_frame
     stream.track([markers(Stamp(5, round(1e9 * BLEND_TIME) + 1))], 2., no_receipt)
     assert stream.tracker.blended == 3 and not stream.needs_each_frame
+
+
+@pytest.mark.parametrize('count, is_needed', [(2, False), (MANY_EXCHANGED, True)])
+def test_each_frame_is_looked_at_where_many_labels_are_exchanged(
+        stream, monkeypatch, count, is_needed):
+    monkeypatch.setattr(State, 'marker_states', np.where(
+        np.arange(8) < count, MarkerState.SWAPPED, MarkerState.SEEN))
+    stream.track([markers()], 2., no_receipt)
+    assert stream.needs_each_frame == is_needed
 
 
 def test_a_take_collects_each_frame(stream):
