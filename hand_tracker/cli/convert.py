@@ -64,8 +64,9 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
-    if suffix in STORAGE and (unseen := [label for label, is_seen in zip(
-            recording.labels, recording.seen.any(axis=0)) if label and not is_seen]):
+    unseen = [label for label, seen in zip(recording.labels, recording.seen.T)
+              if label and not seen.any()] if suffix in STORAGE else []
+    if unseen:
         print(f'{output}: {", ".join(unseen)} is never seen, and left out: messages hold what is '
               'seen', file=sys.stderr)
     at_origin = [label or 'a point' for label, points in zip(

@@ -42,6 +42,8 @@ LONGEST_PAUSE = .25          # [s] gap between frames after which all tracks are
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # Cost lead of the mirrored hand above which a hand just found, or followed, is rejected; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
+# The same of a hand just found, where the one before was of the other side: so much less; ours.
+CLEAR_SIDE_LEAD = 60.
 # Most markers of a hand whose side is checked while it is followed, and with free points; ours.
 MOST_CHECKED = 12
 # Cost lead by which hands of a joint search replace the present ones; distance of the palms above
@@ -143,6 +145,7 @@ class _Hand:
 
     def lose(self) -> None:
         """Drop the track; the hand is searched from the next frame on."""
+        self.side.lose()
         self.track: HandTrack | None = None
         self.confirmed = False
         self.searched = self.first = 0
@@ -341,6 +344,8 @@ class CloudLabeller:
             self._follow_cloud[which] = for_types_of(which[0], arguments)
         self._follow_cloud[which](*arguments)
         for hand, track, is_lost in zip(hands, tracks, lost.tolist()):
+            if track.shaken_for[0] > 0.:    # a cut: this may be another hand
+                hand.side.lose()
             if is_lost or self._is_of_other_side(hand, track, frame, step):
                 hand.lose()
 
@@ -430,6 +435,8 @@ class CloudLabeller:
         lead, found = self._mirrored_lead(hand, frame.points, not whole)
         if hand.side.is_due():
             self._note_side(hand, frame, lead, found)
+        if hand.side.is_other_side and whole and lead < -CLEAR_SIDE_LEAD:
+            hand.side.forget()  # of the hand before
         # Two palm markers do not show the side: the digits must favour it clearly.
         return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
                 and not hand.side.is_other_side)
@@ -493,7 +500,7 @@ class CloudLabeller:
             anew = _labelled_as(hand.statistics, hand.track, frame.points, by_pairs, free)
             if 2 * _count_common(anew, mine) > len(mine):
                 lead -= max(hand.track.finding.cost[0] - anew.cost[0], 0.)
-        hand.side.add(lead, hand.track, found, frame.points)
+        hand.side.add(lead, hand.track, found, frame.points, hand.confirmed)
 
     def _mirrored_lead(self, hand: _Hand, points: np.ndarray, by_pairs: bool,
                        free: np.ndarray | None = None) -> tuple[float, Finding]:

@@ -13,6 +13,8 @@ from .prototypes import Prototype
 # Bound of a posture's cost lead, sum above which the hand is of the other side, and bound of the
 # sum [variances]; ours.
 POSTURE_LEAD, OTHER_SIDE_LEAD, SIDE_MEMORY = 20., 30., 200.
+# Bound of the sum while no hand is followed, as the next may be another [variances]; ours.
+SEARCHED_MEMORY = 40.
 SIDE_PERIOD = .25           # [s] between two postures; between two checks, up to twice that
 ANOTHER_POSTURE = .010      # [m] mean motion of the markers to a new posture; ours
 CLEAR_SHARE = .85           # least share of seen markers for a posture to show the side; ours
@@ -49,6 +51,10 @@ class SideEvidence:
         """Forget all postures."""
         self.lead, self.is_other_side = 0., False
 
+    def lose(self) -> None:
+        """Forget the evidence for the side, and most of that against it; see `SEARCHED_MEMORY`."""
+        self.lead = min(max(self.lead, 0.), SEARCHED_MEMORY)
+
     def elapse(self, step: float) -> None:
         """Advance by a time step [s]."""
         self._unchecked_for += step
@@ -57,7 +63,8 @@ class SideEvidence:
         """Return whether a check is due: after `SIDE_PERIOD`, or twice that if it may wait."""
         return self._unchecked_for >= (2. * SIDE_PERIOD if may_wait else SIDE_PERIOD)
 
-    def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray) -> None:
+    def add(self, lead: float, track: HandTrack, found: Finding, points: np.ndarray,
+            is_followed: bool = True) -> None:
         """Add a posture's cost lead, if it shows the side and differs from the last posture.
 
         Parameters
@@ -70,6 +77,8 @@ class SideEvidence:
             The mirrored hand.
         points : ndarray, shape (n, 3)
             [m]
+        is_followed : bool, optional
+            Whether that is confirmed; one that is not may be dropped for another.
         """
         if not self.is_due():
             return
@@ -84,7 +93,8 @@ class SideEvidence:
             return
         self._posture = posture.copy()
         self.lead += min(max(lead, -POSTURE_LEAD), POSTURE_LEAD)
-        self.lead = min(max(self.lead, -SIDE_MEMORY), SIDE_MEMORY)
+        memory = SIDE_MEMORY if is_followed else SEARCHED_MEMORY
+        self.lead = min(max(self.lead, -memory), memory)
         self.is_other_side = self.lead > (0. if self.is_other_side else OTHER_SIDE_LEAD)
 
 

@@ -394,6 +394,21 @@ def test_a_hand_of_the_other_side_that_begins_flat_is_given_up_as_it_bends(side)
             assert not found.found[0] and found.other_side[0], number
 
 
+@pytest.mark.parametrize('seed, side', [(0, 'right'), (1, 'left'), (2, 'right'), (3, 'left')])
+def test_a_hand_of_the_other_side_that_comes_after_is_not_taken_for_the_one_that_left(seed, side):
+    random, third = np.random.default_rng(seed), 360
+    own, other = (moving(2 * third, one, seed=number % 4) for number, one in (
+        (seed, side), (seed + 1, OTHER_SIDE[side])))
+    frames = np.concatenate((own[:third], other[third + 60:2 * third], own[third:]))
+    times = np.delete(np.arange(3 * third), np.s_[third:third + 60]) / RATE
+    labeller = CloudLabeller([prototype(side)])
+    found = np.array([labeller.update(shuffled(frame, random)[0], time).found[0]
+                      for frame, time in zip(frames, times)])
+    # It was, for 1.5 s and more.
+    assert found[third:2 * third - 60].sum() <= .6 * RATE
+    assert found[2 * third - 60 + round(1.1 * RATE):].all()
+
+
 def exchange_index_and_thumb(labeller, points, rows, trusted):
     """Exchange two labels of a followed hand, trusted for a time [s] if that is given."""
     index, thumb = (MARKERS.index(name) for name in ('index', 'thumb'))

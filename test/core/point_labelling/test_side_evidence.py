@@ -11,6 +11,7 @@ from hand_tracker.core.point_labelling.natural_poses import model_prototype
 from hand_tracker.core.point_labelling.side_evidence import (
     OTHER_SIDE_LEAD,
     POSTURE_LEAD,
+    SEARCHED_MEMORY,
     SIDE_MEMORY,
     SIDE_PERIOD,
     SideEvidence,
@@ -83,3 +84,14 @@ def test_no_posture_decides_alone_and_a_verdict_is_mended_by_many(evidence):
     assert not evidence.is_other_side
     evidence.forget()
     assert evidence.lead == 0.
+
+
+def test_of_a_lost_hand_little_evidence_is_left(evidence):
+    for number in range(4):
+        add(evidence, -1e3, .7 + .3 * (number % 2))
+    assert evidence.lead == -4. * POSTURE_LEAD
+    evidence.lose()
+    assert evidence.lead == 0.
+    evidence.lead = SIDE_MEMORY
+    evidence.lose()
+    assert evidence.lead == SEARCHED_MEMORY > OTHER_SIDE_LEAD
