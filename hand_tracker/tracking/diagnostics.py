@@ -24,6 +24,7 @@ EVEN_STEP = .25     # [median steps] that even stamps may be off whole ones
 EVEN_SHARE = .75    # of the steps that may not be more, at least
 FEW_GAPS = 2        # in `STATUS_PERIOD`, of any length
 QUIET_AFTER = 1.    # [s] without markers before the tracking is no longer fine
+COMPILING = 'most frames are left out until the kernels that label points are compiled'
 
 MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',
@@ -256,6 +257,8 @@ class Diagnostics:
                worn: list[bool]) -> tuple[Level, str]:
         situation = self._input.situation(now)
         text = self._input.describe(now, situation, publishers)
+        if self._input.is_compiling and situation is not PalmState.TRACKED:
+            return Level.WARN, COMPILING
         if situation in (None, 'silent'):
             return Level.STALE, text
         if situation is not PalmState.TRACKED:
@@ -266,6 +269,8 @@ class Diagnostics:
                         worn & (self._state.marker_states == kind))])]
         if (quiet := self._input.quiet_for(now)) > QUIET_AFTER:
             troubles.append(f'no markers for {quiet:.1f} s')
+        if self._input.is_compiling:
+            troubles.append(COMPILING)
         if self._input.label_doubt is not None:
             troubles.append(self._input.label_doubt)
         if self._input.fit.far_off_for >= FAR_OFF_AFTER:

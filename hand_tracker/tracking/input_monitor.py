@@ -80,6 +80,8 @@ class InputMonitor:
         Which labels look exchanged.
     learned_size : str
         Size of the hand in words, where it was learned from its markers.
+    is_compiling : bool
+        Whether kernels without which most frames are left out are still compiled.
     fit : FitCheck
     """
 
@@ -102,6 +104,7 @@ class InputMonitor:
         self.bends_away_from: str | None = None
         self.label_doubt: str | None = None
         self.learned_size = ''
+        self.is_compiling = False
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
         self._once = OncePerKey()
@@ -264,8 +267,9 @@ class InputMonitor:
             if not self._has_received and now - self._start < START_UP and (
                     who is None or who.startswith(UNDISCOVERED) or who.endswith(SENDS_NOTHING)):
                 situation = None
-        if situation is PalmState.WAITING and self._fault is not None:
-            situation = None    # what is wrong with the palm is said already
+        if (situation is PalmState.WAITING and self._fault is not None  # that is said already
+                or self.is_compiling and situation is not PalmState.TRACKED):
+            situation = None
         if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED
             # A source that has ended is no fault: a recording was played, say.

@@ -235,6 +235,10 @@ class PointLabelReader:
                 f'fingers for a moment; else the layout, of {len(names)} markers, does not '
                 f'fit them{known}; or check the side and {self._settings.scale}'))
 
+    def search_anew(self) -> None:
+        """Log why no hand is found as if none had been searched until now."""
+        self._searched_since, self._asked = None, False
+
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""
         lines, self._log_lines = self._log_lines, []

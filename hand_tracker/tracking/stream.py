@@ -173,6 +173,8 @@ class Stream:
         None where the kernels were ready, or there is no numba.
     take : LiveTake or None
         Collector of each frame's markers for a calibration.
+    awaits_labelling : bool
+        Whether plain Python labels points, so that most frames are left out.
     """
 
     def __init__(self, tracker: HandTracker, reader: Reader,
@@ -186,7 +188,7 @@ class Stream:
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
         self._labelling: Compilation | None = None  # of the kernels that label points
-        self._switches_kernels = self._awaits_labelling = False
+        self._switches_kernels = self.awaits_labelling = False
         self._log_lines: list[tuple[bool, str]] = []
         self._reported: list[str] = []  # of the compilation
 
@@ -204,9 +206,10 @@ class Stream:
         if DEFERRED:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
+            slowly = ('labels points and tracks, and most frames are left out'
+                      if isinstance(self.reader, PointLabelReader) else 'tracks, more slowly')
             self._log_lines.append((False, 'first start: kernels are compiled in the background '
-                                    f'for {COMPILE_TIME}; until then plain Python tracks, more '
-                                    'slowly'))
+                                    f'for {COMPILE_TIME}; until then plain Python {slowly}'))
         if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
             loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
         if loaders:
@@ -224,14 +227,14 @@ class Stream:
         beside : Stream, optional
             Another one of this process that does so already.
         """
-        if not LABELLING_IS_DEFERRED or self._awaits_labelling:
+        if not LABELLING_IS_DEFERRED or self.awaits_labelling:
             return
         if self._labelling is None:
             self._labelling = (Compilation({LABELLING_SET: load_labelling_kernels})
                                if beside is None else beside._labelling)
         elif LABELLING_SET in self._labelling.loaded:
             return
-        self._awaits_labelling = True
+        self.awaits_labelling = True
         if not DEFERRED and beside is None:    # else that was said
             self._log_lines.append((False, 'the kernels that label points are compiled in the '
                                     f'background for {COMPILE_TIME}; until then plain Python '
@@ -241,6 +244,7 @@ class Stream:
         """Take over the kernels that another stream of this process has compiled."""
         self.compilation, self._switches_kernels = other.compilation, other._switches_kernels
         self._labelling, self._reported = other._labelling, other._reported
+        self.awaits_labelling = other.awaits_labelling
 
     def _load_kernels(self, folder: Path) -> None:
         self.tracker.load_kernels(folder)
@@ -426,12 +430,19 @@ class Stream:
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log of kernels and size: whether it is a warning, and the line."""
         lines, self._log_lines = self._log_lines, []
-        if isinstance(self.reader, PointLabelReader):
-            lines += self.reader.pop_log_lines()
-        if (self._awaits_labelling and self._labelling is not None
+        reader = self.reader if isinstance(self.reader, PointLabelReader) else None
+        if reader is not None:
+            # Frames too few to find a hand in do not tell why none is found.
+            lines += [line for line in reader.pop_log_lines()
+                      if not (line[0] and self.awaits_labelling)]
+        if (self.awaits_labelling and self._labelling is not None
                 and LABELLING_SET in self._labelling.loaded):
-            self._awaits_labelling = False
-            lines.append((False, 'compiled kernels label points now'))
+            self.awaits_labelling = False
+            if (done := 'compiled kernels label points now') not in self._reported:
+                self._reported.append(done)
+                lines.append((False, done))
+            if reader is not None:
+                reader.search_anew()
         for one in self.compilation, self._labelling:
             if one is None:
                 continue

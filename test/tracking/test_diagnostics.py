@@ -8,7 +8,13 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.tracking.diagnostics import QUIET_AFTER, STATUS_GAP, Diagnostics, Level
+from hand_tracker.tracking.diagnostics import (
+    COMPILING,
+    QUIET_AFTER,
+    STATUS_GAP,
+    Diagnostics,
+    Level,
+)
 from hand_tracker.tracking.fit_check import FAR_OFF_AFTER, FIT_AFTER, OFF_HAND_AFTER
 from hand_tracker.tracking.input_monitor import SILENT_AFTER, InputMonitor
 
@@ -119,6 +125,19 @@ def test_markers_far_off_the_hand_are_warned_of_before_they_are_left_out():
     assert hand.status(0.)[:2] == (Level.OK, 'tracking')
     hand.feed(FAR_OFF_AFTER, off)
     assert hand.status(FAR_OFF_AFTER)[:2] == (Level.WARN, 'tracking; 30 mm off the hand')
+
+
+def test_while_most_frames_are_left_out_that_alone_is_told():
+    hand = Hand()
+    hand.watch.is_compiling = True
+    for now, palm in ((0., PalmState.LOST), (2. * SILENT_AFTER, PalmState.TRACKED)):
+        # Neither silence nor a lost palm is the source's.
+        assert hand.status(now)[:2] == (Level.WARN, COMPILING)
+        assert hand.watch.report(now, lambda: 'it is paused') == []
+        hand.feed(now, state_of(palm))
+    assert hand.status(now)[:2] == (Level.WARN, f'tracking; {COMPILING}')
+    hand.watch.is_compiling = False
+    assert hand.status(now)[:2] == (Level.OK, 'tracking')
 
 
 def test_a_hand_that_fits_badly_and_markers_that_have_just_ended_are_warned_of():

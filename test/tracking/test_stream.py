@@ -21,7 +21,7 @@ from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
 from hand_tracker.tracking.marker_events import MANY_EXCHANGED
-from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
+from hand_tracker.tracking.point_labels import SEARCHED_LONG, PointLabelReader, PointLabels
 from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
 UNSET = Stamp(0, 0)
@@ -295,6 +295,30 @@ def test_compiled_kernels_take_over_between_two_frames(stream, compilation, monk
         stream.track([markers()], 2., no_receipt)
     assert stream.is_compiled and stream.reader.has_switched
     assert stream.pop_log_lines() == [(False, 'compiled kernels have taken over')]
+
+
+def test_why_no_hand_is_found_is_told_once_compiled_kernels_label_points(
+        compilation, monkeypatch):
+    monkeypatch.setattr(module, 'DEFERRED', True)
+    monkeypatch.setattr(module, 'LABELLING_IS_DEFERRED', True)
+    stream = Stream(Tracker(), PointLabelReader(
+        Hand.scaled(), MarkerLayout(), SimpleNamespace(read=lambda frame: frame)))
+
+    def pass_on(start):
+        for seconds in (start, start + 2. * SEARCHED_LONG):
+            stream.track(PointFrame(stamp_of(round(1e9 * seconds)), 'mocap', RESTING[:4],
+                                    np.full(4, -1), ()), 2., no_receipt)
+        return stream.pop_log_lines()
+
+    stream.compile_in_background()
+    (is_warning, line), = stream.pop_log_lines()
+    assert not is_warning and line.endswith('most frames are left out')
+    assert stream.awaits_labelling and pass_on(1.) == []
+    compilation.loaded.append(LABELLING_SET)
+    assert pass_on(10.) == [(False, 'compiled kernels label points now')]
+    assert not stream.awaits_labelling
+    (is_warning, line), = pass_on(20.)
+    assert is_warning and line.startswith('only 4 points')
 
 
 def test_an_error_of_the_compilation_is_reported_once(stream, compilation, monkeypatch):
