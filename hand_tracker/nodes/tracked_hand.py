@@ -392,7 +392,7 @@ class TrackedHand:
 
     def log(self) -> None:
         """Log the lines of the monitor and of the stream."""
-        self._monitor.set_compiling(self.stream.awaits_labelling)
+        self._monitor.set_labelling(self.stream.awaits_labelling, self.stream.why_not_found)
         lines = (*self.stream.pop_log_lines(), *self.services.pop_log_lines(),
                  *self._monitor.log_lines(time.monotonic(), self._who_publishes))
         if self._monitor.is_wrong:

@@ -82,6 +82,8 @@ class InputMonitor:
         Size of the hand in words, where it was learned from its markers.
     is_compiling : bool
         Whether kernels without which most frames are left out are still compiled.
+    why_not_found : str
+        Why no hand is found among points without labels; empty elsewhere.
     fit : FitCheck
     """
 
@@ -104,7 +106,7 @@ class InputMonitor:
         self.bends_away_from: str | None = None
         self.label_doubt: str | None = None
         self.learned_size = ''
-        self.is_compiling = False
+        self.is_compiling, self.why_not_found = False, ''
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
         self._once = OncePerKey()
@@ -363,12 +365,15 @@ class InputMonitor:
                 return ('waiting for the palm: its markers are more than a kilometre away; '
                         f'{self._what_to_check()}')
             if self._has_no_labels and np.isnan(self._frame.positions).all():
-                return f'waiting for the palm: no hand is found yet; {self._others()}'
+                why = self.why_not_found or self._others()
+                return f'waiting for the palm: no hand is found yet; {why}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
         kept = f'; since {now - self._since:.1f} s, the last pose is kept'
-        return self._palm_fault(situation) + (kept if self._started is not None else '')
+        fault = self.why_not_found if situation is PalmState.LOST else ''
+        return (fault or self._palm_fault(situation)) + (
+            kept if self._started is not None else '')
 
     def _palm_fault(self, palm: PalmState) -> str:
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)

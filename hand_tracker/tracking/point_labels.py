@@ -167,6 +167,11 @@ class PointLabelReader:
         Shared with the reader of the other hand in these messages.
     names : SettingNames, optional
         Those of the node's parameters when left out.
+
+    Attributes
+    ----------
+    why_not_found : str
+        Why no hand is found for long, and the cure; empty where one is, or was lately.
     """
 
     signature = None  # such messages are never alike
@@ -178,7 +183,7 @@ class PointLabelReader:
         self._labels.set_hand(hand, layout, points)
         self._side, self._layout, self._points, self._settings = hand.side, layout, points, names
         self._searched_since: float | None = None
-        self._asked = False
+        self._has_told_side, self.why_not_found = False, ''
         self._log_lines: list[tuple[bool, str]] = []
 
     def read(self, message: Any) -> MarkerFrame:
@@ -207,37 +212,39 @@ class PointLabelReader:
                 self._log_lines.append((False, f'the {self._side} hand is found among '
                                         f'{markers.points_seen} points without labels'))
             self._labels.told.add(self._side)
-            self._searched_since, self._asked = None, False
+            self.search_anew()
             return
         if time is None:
             return
         if self._searched_since is None or time < self._searched_since:
             self._searched_since = time
-        if self._asked or not (other_side or time - self._searched_since >= SEARCHED_LONG):
+        is_told = self._has_told_side if other_side else bool(self.why_not_found)
+        if is_told or not (other_side or time - self._searched_since >= SEARCHED_LONG):
             return
-        self._asked = True
+        self._has_told_side = other_side
         self._labels.told.discard(self._side)
+        self.why_not_found = self._why_not_found(markers.points_seen, other_side)
+        self._log_lines.append((True, self.why_not_found))
+
+    def _why_not_found(self, count: int, other_side: bool) -> str:
+        """Return why no hand is found among so many points, and the cure."""
         other, names = OTHER_SIDE[self._side], tuple(self._layout.names)
-        count = markers.points_seen
         if other_side:
-            self._log_lines.append((True, f'the points look like a {other} hand: set '
-                                    f'{self._settings.side.format(other)}, or check whether axes '
-                                    'are exchanged or mirrored'))
-        elif count < len(names):
-            self._log_lines.append((True, f'only {count} points; the hand has {len(names)} '
-                                    'markers'))
-        else:
-            # Any of the points may be of no hand: the markers are these, or fewer.
-            others = _worn_presets(names, count)
-            known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
-            self._log_lines.append((
-                True, f'the {self._side} hand is not found among {count} points: spread your '
-                f'fingers for a moment; else the layout, of {len(names)} markers, does not '
-                f'fit them{known}; or check the side and {self._settings.scale}'))
+            return (f'the points look like a {other} hand: set '
+                    f'{self._settings.side.format(other)}, or check whether axes are exchanged or '
+                    'mirrored')
+        if count < len(names):
+            return f'only {count} points; the hand has {len(names)} markers'
+        # Any of the points may be of no hand: the markers are these, or fewer.
+        others = _worn_presets(names, count)
+        known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
+        return (f'the {self._side} hand is not found among {count} points: spread your fingers '
+                f'for a moment; else the layout, of {len(names)} markers, does not fit '
+                f'them{known}; or check the side and {self._settings.scale}')
 
     def search_anew(self) -> None:
-        """Log why no hand is found as if none had been searched until now."""
-        self._searched_since, self._asked = None, False
+        """Tell why no hand is found as if none had been searched until now."""
+        self._searched_since, self._has_told_side, self.why_not_found = None, False, ''
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""

@@ -334,6 +334,11 @@ class Stream:
         self._is_sized = True
         self._log_learned_size()
 
+    @property
+    def why_not_found(self) -> str:
+        """Why no hand is found among points, as of `PointLabelReader`; empty elsewhere."""
+        return self.reader.why_not_found if isinstance(self.reader, PointLabelReader) else ''
+
     def learn_size_anew(self) -> None:
         """Learn the hand's size from the frames to come, where it is learned at all."""
         if self._auto_size is None:

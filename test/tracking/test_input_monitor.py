@@ -221,6 +221,15 @@ def test_a_message_that_is_none_of_markers_is_named_while_no_other_comes():
         9., 'silent', lambda: 'nobody is there')
 
 
+def test_why_no_hand_is_found_among_points_is_told_of_a_lost_palm():
+    hand = Input()
+    hand.feed(0.)
+    hand.watch.why_not_found = 'the points look like a left hand'
+    hand.fare(1., PalmState.LOST)
+    assert hand.watch.describe(2., PalmState.LOST, str) == (
+        'the points look like a left hand; since 1.0 s, the last pose is kept')
+
+
 def test_a_frame_that_changes_between_messages_is_said_once():
     hand = Input()
     said = []

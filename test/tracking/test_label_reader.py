@@ -178,6 +178,31 @@ def test_a_layout_that_does_not_fit_is_named_with_the_cure_after_two_seconds(lay
     assert line.endswith(said)
 
 
+def test_why_no_hand_is_found_is_known_until_one_is_and_the_other_side_told_later_too():
+    layout, cloud = preset_layout('paper8'), np.random.default_rng(2).uniform(size=(8, 3))
+    now = SimpleNamespace(found=False, other_side=False)
+    points = SimpleNamespace(read=lambda tenth: PointFrame(
+        Stamp(tenth // 10, 10**8 * (tenth % 10)), 'mocap', cloud, np.arange(8), ()))
+    labels = PointLabels()
+    reader = PointLabelReader(Hand.scaled(), layout, points, labels)
+    labels._labeller = SimpleNamespace(update=lambda *_: CloudLabels(
+        (np.arange(8),), (cloud,), (now.found,), (now.other_side,)))
+
+    def told(first):
+        for tenth in range(first, first + 30):
+            reader.read(tenth)
+        return [line for _, line in reader.pop_log_lines()]
+
+    line, = told(10)
+    assert reader.why_not_found == line and 'is not found among 8 points' in line
+    now.other_side = True
+    line, = told(40)
+    assert reader.why_not_found == line and 'look like a left hand' in line
+    now.found, now.other_side = True, False
+    assert told(70) == ['the right hand is found among 8 points without labels']
+    assert reader.why_not_found == ''
+
+
 def test_the_markers_of_any_layout_are_read():
     layout = preset_layout('sig18_19')
     cloud = np.random.default_rng(2).uniform(size=(30, 3))
