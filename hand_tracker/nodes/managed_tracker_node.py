@@ -112,6 +112,9 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
     def _publish_status(self) -> None:
         if self._is_active:
             super()._publish_status()
+            return
+        for hand in self.hands:
+            hand.publish_inactive()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -29,6 +29,7 @@ from ..messages.marker_ids import layout_ids
 from ..messages.points import PointReader
 from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
+from ..tracking.diagnostics import Level, Status
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_check import ExchangeCheck
 from ..tracking.marker_events import has_many_exchanged
@@ -413,7 +414,13 @@ class TrackedHand:
         self._warn_of_other_clock()
         self._monitor.set_size(self.stream.size, self.stream.learned_size)
         self._monitor.set_calibration(self.services.progress())
-        status = self._monitor.status(now, self._who_publishes)
+        self._tell(self._monitor.status(now, self._who_publishes))
+
+    def publish_inactive(self) -> None:
+        """Publish on /diagnostics that markers are left out, as the node is not active."""
+        self._tell(Status(Level.STALE, 'not active: markers are left out', {}))
+
+    def _tell(self, status: Status) -> None:
         self._node.diagnostics.publish(diagnostics(
             self._node.now(), f'{self._node.get_name()}: {self.hand.side} hand', self._topic,
             status))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from helpers.bench import LOSSLESS, Bench
 from helpers.hands import BENT_ANGLES, hand_at
 from helpers.ros_process import NodeProcess, watching_node
@@ -60,6 +61,20 @@ def test_it_activates_itself_and_answers_only_while_it_is_active():
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
     assert 'no markers' not in process.output
+
+
+def test_diagnostics_say_that_it_is_not_active():
+    with NodeProcess(MODULE, {'autostart': False}) as process, watching_node() as node:
+        process.wait_for_line('listening')
+        told = node.collect(DiagnosticArray, '/diagnostics')
+        node.repeat(lambda: None, lambda: told)
+        status, = told[-1].status
+        assert (status.level, status.message) == (
+            DiagnosticStatus.STALE, 'not active: markers are left out')
+        assert change(node, Transition.TRANSITION_CONFIGURE)
+        assert change(node, Transition.TRANSITION_ACTIVATE)
+        node.repeat(lambda: None, lambda: 'no markers' in told[-1].status[0].message)
+        assert process.interrupt() == 0, process.output
 
 
 def test_cleaned_up_it_loads_the_hand_file_as_it_is_then(tmp_path):
