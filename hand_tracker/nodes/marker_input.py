@@ -221,7 +221,7 @@ class MarkerInput:
             self.hands[number].published(frame)
         if self.fast_path is not None and all(
                 frame.is_valid and frame.is_regular
-                and not self.hands[number].stream.needs_each_frame
+                and not self.hands[number].needs_each_frame
                 for number, frame in frames.items()):
             self._install(self.fast_path, frames)
         return True

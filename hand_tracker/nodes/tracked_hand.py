@@ -32,7 +32,7 @@ from ..tracking.auto_size import AutoSize
 from ..tracking.diagnostics import Level, Status
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_check import ExchangeCheck
-from ..tracking.marker_events import has_many_exchanged
+from ..tracking.marker_events import ExchangedLabels
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
@@ -111,6 +111,7 @@ class TrackedHand:
         self.settings = self._settings_of(self.hand, self._values())
         self._topic = ''
         self._monitor = Monitor(time.monotonic(), self._topic, self.settings.labels)
+        self._exchanged = ExchangedLabels()
         self._has_new_settings = False
         self._new_hand: tuple[Hand, MarkerLayout] | None = None
         self._mocap_frame = start['mocap_frame']
@@ -178,9 +179,16 @@ class TrackedHand:
                                     'used (mocap_frame)')
         return frame
 
+    @property
+    def needs_each_frame(self) -> bool:
+        """Whether the next frame is to take the slow path, too."""
+        return self.stream.needs_each_frame or self._exchanged.are_new
+
     def published(self, frame: TrackedFrame) -> None:
         """Note a frame of the slow path, published if it is valid."""
-        self._published.append(TrackedFrames.of(frame, time.monotonic()))
+        now = time.monotonic()
+        self._published.append(TrackedFrames.of(frame, now))
+        self._exchanged.add(frame.state.marker_states, now)
         self._latest = frame.stamp, frame.frame_id, frame.state
         if not frame.is_valid:
             return
@@ -195,7 +203,8 @@ class TrackedHand:
         assert self._latest is not None
         self._latest = frames.stamp, self._latest[1], frames.state
         self._published.append(frames)
-        if has_many_exchanged(frames.state.marker_states):
+        self._exchanged.add(frames.state.marker_states, frames.published[-1])
+        if self._exchanged.are_new:
             self._node.disable_fast_path()
         if self.display.has_viewers:
             self._show()
@@ -404,10 +413,9 @@ class TrackedHand:
             log_line(self._node, is_warning,
                      f'{self.hand.side} hand: {line}' if self._scope else line)
 
-    def update_calibration(self) -> None:
-        """Go on with a calibration."""
-        if self.services.update():
-            self.publish_status(time.monotonic())
+    def update_calibration(self) -> bool:
+        """Go on with a calibration; return whether it has changed."""
+        return self.services.update()
 
     def publish_status(self, now: float) -> None:
         """Publish the status on /diagnostics."""

@@ -265,8 +265,8 @@ class TrackerNode(SubscriptionHidingNode):
             hand.log()
 
     def _update_calibrations(self) -> None:
-        for hand in self.hands:
-            hand.update_calibration()
+        if any([hand.update_calibration() for hand in self.hands]):
+            self._publish_status()
 
     def _publish_status(self) -> None:
         for one in self.inputs:

@@ -14,7 +14,7 @@ from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from .fit_check import BAD_FIT_RESIDUAL, FAR_OFF_AFTER
-from .input_monitor import PALM_FAULTS, InputMonitor, StateRun
+from .input_monitor import PALM_FAULTS, SLOW_LABELLING, InputMonitor, StateRun
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
 STATUS_GAP = .1     # [s] at least between two changes that are published
@@ -24,7 +24,6 @@ EVEN_STEP = .25     # [median steps] that even stamps may be off whole ones
 EVEN_SHARE = .75    # of the steps that may not be more, at least
 FEW_GAPS = 2        # in `STATUS_PERIOD`, of any length
 QUIET_AFTER = 1.    # [s] without markers before the tracking is no longer fine
-COMPILING = 'most frames are left out until the kernels that label points are compiled'
 
 MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',
@@ -251,26 +250,29 @@ class Diagnostics:
 
     def _summary(self, now: float) -> object:
         states = None if self._state is None else self._state.marker_states.tobytes()
-        return self._input.situation(now), states
+        return (self._input.situation(now), states,
+                self._input.fit.far_off_for >= FAR_OFF_AFTER)
 
     def _level(self, now: float, publishers: Callable[[], str | None],
                worn: list[bool]) -> tuple[Level, str]:
         situation = self._input.situation(now)
         text = self._input.describe(now, situation, publishers)
-        if self._input.is_compiling and situation is not PalmState.TRACKED:
-            return Level.WARN, COMPILING
         if situation in (None, 'silent'):
             return Level.STALE, text
+        if situation == 'slow':
+            return Level.WARN, text
         if situation is not PalmState.TRACKED:
-            return Level.ERROR, text
+            is_searched = situation in (PalmState.LOST, PalmState.WAITING)
+            return Level.ERROR, '; '.join(filter(None, (
+                text, self._input.why_not_found if is_searched else '')))
         assert self._state is not None
         troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
                     if (markers := [self._input.labels.names[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
         if (quiet := self._input.quiet_for(now)) > QUIET_AFTER:
             troubles.append(f'no markers for {quiet:.1f} s')
-        if self._input.is_compiling:
-            troubles.append(COMPILING)
+        if self._input.awaits_labelling:
+            troubles.append(SLOW_LABELLING)
         if self._input.label_doubt is not None:
             troubles.append(self._input.label_doubt)
         if self._input.fit.far_off_for >= FAR_OFF_AFTER:

@@ -28,8 +28,10 @@ class FitCheck:
     misfit : float
         Mean over the last `FIT_AFTER` of tracking [m].
     far_off_for : float
-        Time with frames far off the hand since one that fitted, less that with others, up to
-        `OFF_HAND_AFTER` [s].
+        Time with frames far off the hand since one that fitted, less that with frames between, up
+        to `OFF_HAND_AFTER` [s].
+    is_off : bool
+        Whether that was as long, until it is 0 again.
     is_misfit : bool
         Whether frames are far off on average, though not each one.
     has_fitted : bool
@@ -38,20 +40,15 @@ class FitCheck:
 
     def __init__(self) -> None:
         self.residual = 0.
-        self.far_off_for = 0.
-        self._is_far_off = False
-        self._judged: float | None = None
         self.forget()
-
-    @property
-    def is_off(self) -> bool:
-        """Whether frames are far off the hand, for long."""
-        return self.far_off_for >= OFF_HAND_AFTER
 
     def forget(self) -> None:
         """Begin the mean anew, as of another hand or by other labels."""
         self.misfit, self.is_misfit = 0., False
         self.mean, self.has_fitted = 0., False
+        self.far_off_for, self.is_off = 0., False
+        self._was_far_off = False
+        self._judged: float | None = None
         self._frames = 0
         self._last: float | None = None
         self._seconds = self._total = 0.
@@ -76,7 +73,8 @@ class FitCheck:
             self._frames += 1
             self.mean += (residual - self.mean) / self._frames
             self.has_fitted |= residual <= OFF_HAND_DISTANCE
-        self._note_distance(now, is_tracked)
+        if is_seen or not is_tracked:
+            self._note_distance(now, is_tracked)
         if not (is_tracked and is_of_side and is_seen) or self.is_off:
             return
         if self._last is not None:
@@ -86,17 +84,16 @@ class FitCheck:
         self._last = now
 
     def _note_distance(self, now: float, is_tracked: bool) -> None:
-        """Sum the time with frames far off: few in between that fit badly count little."""
+        """Sum the time since the last frame, as that frame was off the hand."""
         step = 0. if self._judged is None else now - self._judged
-        was_far_off, self._judged = self._is_far_off, now
-        self._is_far_off = is_tracked and self.residual > OFF_HAND_DISTANCE
+        # Rounded, as sums of steps miss the limit by as little.
+        self.far_off_for = min(max(round(
+            self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
         if not is_tracked or self.residual <= BAD_FIT_RESIDUAL:
             self.far_off_for = 0.
-        elif not self._is_far_off:
-            self.far_off_for = max(self.far_off_for - step, 0.)
-        elif was_far_off:
-            # Rounded, as sums of steps miss the limit by as little.
-            self.far_off_for = min(round(self.far_off_for + step, 9), OFF_HAND_AFTER)
+        self.is_off = self.far_off_for > 0. if self.is_off else self.far_off_for >= OFF_HAND_AFTER
+        self._was_far_off = is_tracked and self.residual > OFF_HAND_DISTANCE
+        self._judged = now
 
     def judge(self) -> float | None:
         """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""

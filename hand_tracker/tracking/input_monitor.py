@@ -34,6 +34,8 @@ NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen i
 WRONG_UNIT = .1      # [m] that markers are off the hand on average where the unit may be wrong
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
+SLOW_LABELLING = 'most frames are left out until the kernels that label points are compiled'
+
 PALM_FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
     PalmState.COINCIDENT: 'palm markers coincide',
@@ -80,10 +82,8 @@ class InputMonitor:
         Which labels look exchanged.
     learned_size : str
         Size of the hand in words, where it was learned from its markers.
-    is_compiling : bool
-        Whether kernels without which most frames are left out are still compiled.
-    why_not_found : str
-        Why no hand is found among points without labels; empty elsewhere.
+    awaits_labelling, why_not_found
+        As of `Stream`.
     fit : FitCheck
     """
 
@@ -106,7 +106,7 @@ class InputMonitor:
         self.bends_away_from: str | None = None
         self.label_doubt: str | None = None
         self.learned_size = ''
-        self.is_compiling, self.why_not_found = False, ''
+        self.awaits_labelling, self.why_not_found = False, ''
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
         self._once = OncePerKey()
@@ -269,9 +269,8 @@ class InputMonitor:
             if not self._has_received and now - self._start < START_UP and (
                     who is None or who.startswith(UNDISCOVERED) or who.endswith(SENDS_NOTHING)):
                 situation = None
-        if (situation is PalmState.WAITING and self._fault is not None  # that is said already
-                or self.is_compiling and situation is not PalmState.TRACKED):
-            situation = None
+        if situation == 'slow' or situation is PalmState.WAITING and self._fault is not None:
+            situation = None    # that, or what is wrong with the palm, is said already
         if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED
             # A source that has ended is no fault: a recording was played, say.
@@ -308,8 +307,13 @@ class InputMonitor:
         -------
         PalmState, str or None
             'silent', 'unlabelled', 'mirrored' or 'off' (the hand) prevail over the state of the
-            palm; None when nothing has come yet.
+            palm; 'slow' over what too few frames may look like; None when nothing has come yet.
         """
+        found = self._situation(now)
+        is_seen = found in (PalmState.TRACKED, 'mirrored', 'off')
+        return 'slow' if self.awaits_labelling and self._has_received and not is_seen else found
+
+    def _situation(self, now: float) -> PalmState | str | None:
         if now - self._received > SILENT_AFTER:
             return 'silent'
         if now - self._labelled > SILENT_AFTER:
@@ -338,6 +342,8 @@ class InputMonitor:
         """
         if situation is None:
             return f'no markers on {self._topic} yet'
+        if situation == 'slow':
+            return SLOW_LABELLING
         if situation == 'silent':
             why = publishers()
             if self._unreadable:
@@ -365,15 +371,12 @@ class InputMonitor:
                 return ('waiting for the palm: its markers are more than a kilometre away; '
                         f'{self._what_to_check()}')
             if self._has_no_labels and np.isnan(self._frame.positions).all():
-                why = self.why_not_found or self._others()
-                return f'waiting for the palm: no hand is found yet; {why}'
+                return f'waiting for the palm: no hand is found yet; {self._others()}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
         kept = f'; since {now - self._since:.1f} s, the last pose is kept'
-        fault = self.why_not_found if situation is PalmState.LOST else ''
-        return (fault or self._palm_fault(situation)) + (
-            kept if self._started is not None else '')
+        return self._palm_fault(situation) + (kept if self._started is not None else '')
 
     def _palm_fault(self, palm: PalmState) -> str:
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)

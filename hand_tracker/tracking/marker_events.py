@@ -16,8 +16,7 @@ UNLABELLED_AFTER = 1.   # [s] of points without a label, before points are label
 CHANGED_LABELS = 12     # frames with exchanged labels, within `UNLABELLED_AFTER`; ours
 POINT_STEP = .005       # [m] largest motion of a point whose label changes; ours
 LABEL_STEP = .015       # [m] least jump of that label; ours
-# Markers of a frame under labels of others, from which labels may be of no use; ours.
-MANY_EXCHANGED = 4
+MANY_EXCHANGED = 4      # labels of a frame, from which all may be of no use; ours
 
 EVENTS = {
     MarkerState.STALE: 'no longer seen, its part of the hand is a guess',
@@ -94,15 +93,28 @@ class MarkerEvents:
         return events
 
 
-def has_many_exchanged(marker_states: np.ndarray) -> bool:
-    """Return whether so many labels of a frame are exchanged that each frame is to be looked at.
+class ExchangedLabels:
+    """Watch for many labels that are exchanged, and otherwise than a while ago.
 
-    Parameters
+    Attributes
     ----------
-    marker_states : ndarray of int, shape (n,)
-        `MarkerState` of each marker.
+    are_new : bool
+        Whether `LabelChanges` should see each frame, to find out whether labels are of any use.
     """
-    return bool((marker_states == MarkerState.SWAPPED).sum() >= MANY_EXCHANGED)
+
+    def __init__(self) -> None:
+        self.are_new = False
+        self._last, self._since = b'', 0.
+
+    def add(self, marker_states: np.ndarray, now: float) -> None:
+        """Note the states of a frame, (n,), at a time on a clock that never jumps [s]."""
+        exchanged = marker_states == MarkerState.SWAPPED
+        if exchanged.sum() < MANY_EXCHANGED:
+            self.are_new = False
+            return
+        if (which := exchanged.tobytes()) != self._last:
+            self._last, self._since = which, now
+        self.are_new = now - self._since < UNLABELLED_AFTER
 
 
 class LabelChanges:

@@ -278,9 +278,10 @@ class Monitor:
         """Note how far the hand's size is learned, as of `Stream.size` and `learned_size`."""
         self._diagnostics.size, self._input.learned_size = size, learned
 
-    def set_labelling(self, is_compiling: bool, why_not_found: str) -> None:
-        """Note how points are labelled, as of `Stream.awaits_labelling` and `why_not_found`."""
-        self._input.is_compiling, self._input.why_not_found = is_compiling, why_not_found
+    def set_labelling(self, awaits_labelling: bool, why_not_found: str) -> None:
+        """Note how points are labelled, as of `Stream`."""
+        self._input.awaits_labelling = awaits_labelling
+        self._input.why_not_found = why_not_found
 
     def set_calibration(self, values: dict[str, str]) -> None:
         """Note how far a calibration is, as of `LiveCalibration.values`."""

@@ -167,11 +167,6 @@ class PointLabelReader:
         Shared with the reader of the other hand in these messages.
     names : SettingNames, optional
         Those of the node's parameters when left out.
-
-    Attributes
-    ----------
-    why_not_found : str
-        Why no hand is found for long, and the cure; empty where one is, or was lately.
     """
 
     signature = None  # such messages are never alike
@@ -182,8 +177,9 @@ class PointLabelReader:
         self._labels = labels or PointLabels()
         self._labels.set_hand(hand, layout, points)
         self._side, self._layout, self._points, self._settings = hand.side, layout, points, names
+        self._last: MarkerFrame | None = None
         self._searched_since: float | None = None
-        self._has_told_side, self.why_not_found = False, ''
+        self._has_told = self._has_told_side = self._is_other_side = False
         self._log_lines: list[tuple[bool, str]] = []
 
     def read(self, message: Any) -> MarkerFrame:
@@ -207,29 +203,33 @@ class PointLabelReader:
     def _note(self, time: float | None, found: bool, markers: MarkerFrame,
               other_side: bool) -> None:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
+        self._last, self._is_other_side = markers, other_side
         if found:
             if self._side not in self._labels.told:
                 self._log_lines.append((False, f'the {self._side} hand is found among '
                                         f'{markers.points_seen} points without labels'))
             self._labels.told.add(self._side)
-            self.search_anew()
+            self.forget_search()
             return
         if time is None:
             return
         if self._searched_since is None or time < self._searched_since:
             self._searched_since = time
-        is_told = self._has_told_side if other_side else bool(self.why_not_found)
+        is_told = self._has_told_side if other_side else self._has_told
         if is_told or not (other_side or time - self._searched_since >= SEARCHED_LONG):
             return
-        self._has_told_side = other_side
+        self._has_told, self._has_told_side = True, other_side
         self._labels.told.discard(self._side)
-        self.why_not_found = self._why_not_found(markers.points_seen, other_side)
         self._log_lines.append((True, self.why_not_found))
 
-    def _why_not_found(self, count: int, other_side: bool) -> str:
-        """Return why no hand is found among so many points, and the cure."""
-        other, names = OTHER_SIDE[self._side], tuple(self._layout.names)
-        if other_side:
+    @property
+    def why_not_found(self) -> str:
+        """Why no hand is found for long in the last points, and the cure; else empty."""
+        if self._last is None or not self._has_told:
+            return ''
+        count, names = self._last.points_seen, tuple(self._layout.names)
+        if self._is_other_side:
+            other = OTHER_SIDE[self._side]
             return (f'the points look like a {other} hand: set '
                     f'{self._settings.side.format(other)}, or check whether axes are exchanged or '
                     'mirrored')
@@ -242,9 +242,10 @@ class PointLabelReader:
                 f'for a moment; else the layout, of {len(names)} markers, does not fit '
                 f'them{known}; or check the side and {self._settings.scale}')
 
-    def search_anew(self) -> None:
-        """Tell why no hand is found as if none had been searched until now."""
-        self._searched_since, self._has_told_side, self.why_not_found = None, False, ''
+    def forget_search(self) -> None:
+        """Forget for how long no hand is found, and what was told of it."""
+        self._searched_since = None
+        self._has_told = self._has_told_side = False
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""

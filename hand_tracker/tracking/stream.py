@@ -25,7 +25,6 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
 from .compilation import COMPILE_TIME, PROGRAM, Compilation
-from .marker_events import has_many_exchanged
 from .point_labels import PointLabelReader
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
@@ -173,8 +172,6 @@ class Stream:
         None where the kernels were ready, or there is no numba.
     take : LiveTake or None
         Collector of each frame's markers for a calibration.
-    awaits_labelling : bool
-        Whether plain Python labels points, so that most frames are left out.
     """
 
     def __init__(self, tracker: HandTracker, reader: Reader,
@@ -184,11 +181,11 @@ class Stream:
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._is_sized = False
-        self._blends = self._has_many_exchanged = False
+        self._blends = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
         self._labelling: Compilation | None = None  # of the kernels that label points
-        self._switches_kernels = self.awaits_labelling = False
+        self._switches_kernels = self._awaits_labelling = self._has_announced = False
         self._log_lines: list[tuple[bool, str]] = []
         self._reported: list[str] = []  # of the compilation
 
@@ -206,8 +203,9 @@ class Stream:
         if DEFERRED:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
+            self._has_announced = isinstance(self.reader, PointLabelReader)
             slowly = ('labels points and tracks, and most frames are left out'
-                      if isinstance(self.reader, PointLabelReader) else 'tracks, more slowly')
+                      if self._has_announced else 'tracks, more slowly')
             self._log_lines.append((False, 'first start: kernels are compiled in the background '
                                     f'for {COMPILE_TIME}; until then plain Python {slowly}'))
         if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
@@ -227,15 +225,16 @@ class Stream:
         beside : Stream, optional
             Another one of this process that does so already.
         """
-        if not LABELLING_IS_DEFERRED or self.awaits_labelling:
+        if not LABELLING_IS_DEFERRED or self._awaits_labelling:
             return
         if self._labelling is None:
             self._labelling = (Compilation({LABELLING_SET: load_labelling_kernels})
                                if beside is None else beside._labelling)
         elif LABELLING_SET in self._labelling.loaded:
             return
-        self.awaits_labelling = True
-        if not DEFERRED and beside is None:    # else that was said
+        self._awaits_labelling = True
+        if beside is None and not self._has_announced:
+            self._has_announced = True
             self._log_lines.append((False, 'the kernels that label points are compiled in the '
                                     f'background for {COMPILE_TIME}; until then plain Python '
                                     'labels them, and most frames are left out'))
@@ -244,7 +243,7 @@ class Stream:
         """Take over the kernels that another stream of this process has compiled."""
         self.compilation, self._switches_kernels = other.compilation, other._switches_kernels
         self._labelling, self._reported = other._labelling, other._reported
-        self.awaits_labelling = other.awaits_labelling
+        self._awaits_labelling = other._awaits_labelling
 
     def _load_kernels(self, folder: Path) -> None:
         self.tracker.load_kernels(folder)
@@ -288,7 +287,6 @@ class Stream:
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
-        self._has_many_exchanged = has_many_exchanged(state.marker_states)
         frame = TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
             tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
@@ -335,6 +333,11 @@ class Stream:
         self._log_learned_size()
 
     @property
+    def awaits_labelling(self) -> bool:
+        """Whether plain Python labels points for now, so that most frames are left out."""
+        return self._awaits_labelling and isinstance(self.reader, PointLabelReader)
+
+    @property
     def why_not_found(self) -> str:
         """Why no hand is found among points, as of `PointLabelReader`; empty elsewhere."""
         return self.reader.why_not_found if isinstance(self.reader, PointLabelReader) else ''
@@ -350,12 +353,9 @@ class Stream:
 
     @property
     def needs_each_frame(self) -> bool:
-        """Whether `track` must see every frame: to label, learn the size, collect or blend in.
-
-        So it must where many labels are exchanged, to find out whether they are of any use.
-        """
+        """Whether `track` must see every frame: to label, learn the size, collect or blend in."""
         return (isinstance(self.reader, PointLabelReader) or self.size == 'learning'
-                or self.take is not None or self._blends or self._has_many_exchanged)
+                or self.take is not None or self._blends)
 
     def replace_hand(self, hand: Hand, layout: MarkerLayout,
                      options: TrackerOptions | None = None) -> None:
@@ -439,15 +439,17 @@ class Stream:
         if reader is not None:
             # Frames too few to find a hand in do not tell why none is found.
             lines += [line for line in reader.pop_log_lines()
-                      if not (line[0] and self.awaits_labelling)]
-        if (self.awaits_labelling and self._labelling is not None
-                and LABELLING_SET in self._labelling.loaded):
-            self.awaits_labelling = False
-            if (done := 'compiled kernels label points now') not in self._reported:
+                      if not (line[0] and self._awaits_labelling)]
+        labelling = self._labelling
+        if self._awaits_labelling and labelling is not None and (
+                labelling.error or LABELLING_SET in labelling.loaded):
+            self._awaits_labelling = False
+            if reader is not None:
+                reader.forget_search()
+            if (done := 'compiled kernels label points now') not in self._reported and (
+                    not labelling.error):
                 self._reported.append(done)
                 lines.append((False, done))
-            if reader is not None:
-                reader.search_anew()
         for one in self.compilation, self._labelling:
             if one is None:
                 continue

@@ -8,15 +8,9 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.tracking.diagnostics import (
-    COMPILING,
-    QUIET_AFTER,
-    STATUS_GAP,
-    Diagnostics,
-    Level,
-)
+from hand_tracker.tracking.diagnostics import QUIET_AFTER, STATUS_GAP, Diagnostics, Level
 from hand_tracker.tracking.fit_check import FAR_OFF_AFTER, FIT_AFTER, OFF_HAND_AFTER
-from hand_tracker.tracking.input_monitor import SILENT_AFTER, InputMonitor
+from hand_tracker.tracking.input_monitor import SILENT_AFTER, SLOW_LABELLING, InputMonitor
 
 
 class Hand:
@@ -127,17 +121,29 @@ def test_markers_far_off_the_hand_are_warned_of_before_they_are_left_out():
     assert hand.status(FAR_OFF_AFTER)[:2] == (Level.WARN, 'tracking; 30 mm off the hand')
 
 
-def test_while_most_frames_are_left_out_that_alone_is_told():
+@pytest.mark.parametrize('palm, quiet, text', [
+    (PalmState.LOST, 0., SLOW_LABELLING), (PalmState.WAITING, 0., SLOW_LABELLING),
+    (PalmState.TRACKED, 2. * SILENT_AFTER, SLOW_LABELLING),
+    (PalmState.TRACKED, 0., f'tracking; {SLOW_LABELLING}')])
+def test_what_too_few_frames_look_like_is_not_told_but_that_they_are_left_out(
+        palm, quiet, text):
     hand = Hand()
-    hand.watch.is_compiling = True
-    for now, palm in ((0., PalmState.LOST), (2. * SILENT_AFTER, PalmState.TRACKED)):
-        # Neither silence nor a lost palm is the source's.
-        assert hand.status(now)[:2] == (Level.WARN, COMPILING)
-        assert hand.watch.report(now, lambda: 'it is paused') == []
-        hand.feed(now, state_of(palm))
-    assert hand.status(now)[:2] == (Level.WARN, f'tracking; {COMPILING}')
-    hand.watch.is_compiling = False
-    assert hand.status(now)[:2] == (Level.OK, 'tracking')
+    hand.watch.awaits_labelling = True
+    assert hand.status(0.).level is Level.STALE     # nothing publishes
+    hand.feed(0., state_of(palm))
+    assert hand.status(quiet)[:2] == (Level.WARN, text)
+    said = hand.watch.report(quiet, lambda: 'it is paused')
+    assert said == ([(False, 'tracking')] if text.startswith('tracking') else [])
+
+
+def test_why_no_hand_is_found_among_points_is_told_with_a_lost_palm():
+    hand = Hand()
+    hand.feed(0., state_of(PalmState.LOST))
+    hand.watch.why_not_found = 'the points look like a left hand'
+    status = hand.status(0.)
+    assert status.level is Level.ERROR
+    assert status.text.startswith('the palm is lost')
+    assert status.text.endswith('; the points look like a left hand')
 
 
 def test_a_hand_that_fits_badly_and_markers_that_have_just_ended_are_warned_of():

@@ -170,15 +170,29 @@ def test_a_hand_far_off_is_taken_back_once_it_fits_for_two_seconds_not_for_a_mom
     assert not hand.watch.is_wrong
 
 
-# Off by less than counts as far off, by more than a hand that fits; and as in `feed_by_turns`.
+# Nearer than counts as far off, farther than a hand that fits; and as in `feed_by_turns`.
 DOUBTFUL = state_of()._replace(residuals=np.full(8, .014))
 
 
-@pytest.mark.parametrize('between, is_left_out', [(DOUBTFUL, True), (state_of(), False)])
-def test_few_frames_that_fit_badly_do_not_take_a_hand_far_off_for_right(between, is_left_out):
+@pytest.mark.parametrize('turns, is_left_out', [
+    ((FAR, FAR, DOUBTFUL), True), ((FAR, DOUBTFUL), False),
+    ((*(FAR,) * 20, state_of()), False)])
+def test_a_hand_far_off_in_most_frames_is_left_out_until_it_fits(turns, is_left_out):
     hand = Input()
-    said = feed_by_turns(hand, 0., 2.5 * OFF_HAND_AFTER, *(FAR,) * 20, between)
-    assert any('26 mm off the hand, which is left out' in line for line in said) == is_left_out
+    feed_by_turns(hand, 0., 4. * OFF_HAND_AFTER, *turns)
+    for i, state in enumerate(turns):
+        hand.watch.tracked(8. + i / 20., state)
+        assert hand.watch.is_wrong == is_left_out
+    hand.watch.tracked(9., state_of())
+    assert not hand.watch.is_wrong
+
+
+def test_how_long_a_hand_was_far_off_does_not_count_for_the_next():
+    hand = Input()
+    feed_by_turns(hand, 0., .9 * OFF_HAND_AFTER, FAR)
+    hand.watch.fit.forget()
+    feed_by_turns(hand, .9 * OFF_HAND_AFTER, .9 * OFF_HAND_AFTER, FAR)
+    assert not hand.watch.is_wrong
 
 
 def test_a_recording_that_ends_far_off_says_so_and_not_that_it_was_left_out():
@@ -219,15 +233,6 @@ def test_a_message_that_is_none_of_markers_is_named_while_no_other_comes():
     hand.feed(5.)
     assert 'for 4 s: nobody is there' in hand.watch.describe(
         9., 'silent', lambda: 'nobody is there')
-
-
-def test_why_no_hand_is_found_among_points_is_told_of_a_lost_palm():
-    hand = Input()
-    hand.feed(0.)
-    hand.watch.why_not_found = 'the points look like a left hand'
-    hand.fare(1., PalmState.LOST)
-    assert hand.watch.describe(2., PalmState.LOST, str) == (
-        'the points look like a left hand; since 1.0 s, the last pose is kept')
 
 
 def test_a_frame_that_changes_between_messages_is_said_once():

@@ -5,7 +5,14 @@ import pytest
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState
-from hand_tracker.tracking.marker_events import EVENTS, RECOVERED_AFTER, MarkerEvents
+from hand_tracker.tracking.marker_events import (
+    EVENTS,
+    MANY_EXCHANGED,
+    RECOVERED_AFTER,
+    UNLABELLED_AFTER,
+    ExchangedLabels,
+    MarkerEvents,
+)
 from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
 
 INDEX, RING = MARKERS.index('index'), MARKERS.index('ring')
@@ -107,3 +114,18 @@ def test_lines_are_bounded_and_what_was_held_back_is_reported_later():
     now = 2. * LOG_WINDOW
     events.update(now, states(), True)
     assert reported(events, now) == [RECOVERED]
+
+
+def exchanged(first, count=MANY_EXCHANGED):
+    return states(**dict.fromkeys(MARKERS[first:first + count], MarkerState.SWAPPED))
+
+
+def test_many_exchanged_labels_are_new_until_the_same_have_been_for_long():
+    labels = ExchangedLabels()
+    for now, given, are_new in (
+            (0., exchanged(0, MANY_EXCHANGED - 1), False), (1., exchanged(0), True),
+            (1. + .9 * UNLABELLED_AFTER, exchanged(0), True),
+            (1. + UNLABELLED_AFTER, exchanged(0), False), (4., states(), False),
+            (5., exchanged(0), False), (6., exchanged(1), True)):
+        labels.add(given, now)
+        assert labels.are_new == are_new, now

@@ -9,7 +9,6 @@ from helpers.hands import markers_of
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
-from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
 from hand_tracker.core.point_labelling.natural_poses import ANYBODY, SIZED
 from hand_tracker.core.tracker import HandTracker
@@ -20,7 +19,6 @@ from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
-from hand_tracker.tracking.marker_events import MANY_EXCHANGED
 from hand_tracker.tracking.point_labels import SEARCHED_LONG, PointLabelReader, PointLabels
 from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
@@ -250,15 +248,6 @@ def test_another_hand_is_blended_in(stream):
     assert stream.tracker.blended == 3 and not stream.needs_each_frame
 
 
-@pytest.mark.parametrize('count, is_needed', [(2, False), (MANY_EXCHANGED, True)])
-def test_each_frame_is_looked_at_where_many_labels_are_exchanged(
-        stream, monkeypatch, count, is_needed):
-    monkeypatch.setattr(State, 'marker_states', np.where(
-        np.arange(8) < count, MarkerState.SWAPPED, MarkerState.SEEN))
-    stream.track([markers()], 2., no_receipt)
-    assert stream.needs_each_frame == is_needed
-
-
 def test_a_take_collects_each_frame(stream):
     taken = []
     stream.take = SimpleNamespace(add=lambda positions, time: taken.append((positions, time)))
@@ -319,6 +308,23 @@ def test_why_no_hand_is_found_is_told_once_compiled_kernels_label_points(
     assert not stream.awaits_labelling
     (is_warning, line), = pass_on(20.)
     assert is_warning and line.startswith('only 4 points')
+
+
+def test_points_are_no_longer_awaited_where_their_kernels_cannot_be_compiled_or_are_not_needed(
+        compilation, monkeypatch):
+    monkeypatch.setattr(module, 'LABELLING_IS_DEFERRED', True)
+    points = SimpleNamespace(read=lambda frame: frame)
+    reader = PointLabelReader(Hand.scaled(), MarkerLayout(), points)
+    stream = Stream(Tracker(), reader)
+    stream.compile_in_background()
+    assert stream.awaits_labelling
+    stream.reader = Reader()    # of labels
+    assert not stream.awaits_labelling
+    stream.reader = reader
+    compilation.error = 'no compiler'
+    (_, first), (is_warning, second) = stream.pop_log_lines()
+    assert 'most frames are left out' in first and is_warning and 'no compiler' in second
+    assert not stream.awaits_labelling
 
 
 def test_an_error_of_the_compilation_is_reported_once(stream, compilation, monkeypatch):

@@ -24,7 +24,7 @@ from ..numerics.jit import jit
 from ..numerics.vectors import Vector, clamp, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, in_plane, plane_direction
-from .digit import THUMB, Chains, linkage_of, natural_flexion_of, planar_marker
+from .digit import Chains, linkage_of, natural_flexion_of, planar_marker
 from .flexion import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
@@ -35,6 +35,7 @@ from .flexion import (
     chain_reach,
     coupled_angle,
     flexion_of,
+    usual_flexion,
 )
 
 # Time constant of the mean innovation, which is taken for motion [s].
@@ -298,9 +299,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     variance = min(variance, left) if evidence.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    aim = _aim(linkage, target, angle)[0]
-    # A thumb's CMC extends without its MCP.
-    usual = natural.offset + natural.slope * (max(aim, 0.) if digit == THUMB else aim)
+    usual = usual_flexion(natural, _aim(linkage, target, angle)[0])
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
         usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.step, variance)
@@ -323,7 +322,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step
     two_bends = straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
-        # Two bends may fit alike, as for the solution itself: from one to the other without a leap.
+        # Two bends may fit alike: from one to the other without a leap.
         angle = before + math.copysign(farthest, angle - before)
         aim, _ = _aim(linkage, target, angle)
     state.angles[first] = aim
@@ -370,6 +369,7 @@ def _likely_flexion(linkage: Linkage, target: tuple[float, float], found: float,
         by_reach = _slope(linkage, angle) / skin
         shortage = (wanted - chain_reach(linkage, angle)) / skin
         aim = _aim(linkage, target, angle)[0]
+        # The line without its bend at `least`, which would add to the noise.
         unnatural = (natural.offset + natural.slope * aim - angle) / natural.spread
         ahead = _aim(linkage, target, angle + SLOPE_STEP)[0]
         by_nature = (1. - natural.slope * (ahead - aim) / SLOPE_STEP) / natural.spread

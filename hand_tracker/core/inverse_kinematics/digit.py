@@ -203,7 +203,8 @@ def linkage_of(chains: Chains, digit: int) -> Linkage:
 def natural_flexion_of(chains: Chains, digit: int) -> NaturalFlexion:
     """Return the `NaturalFlexion` of a digit."""
     natural = chains.natural[digit]
-    return NaturalFlexion(natural[0], natural[1], natural[2])
+    return NaturalFlexion(natural[0], natural[1], natural[2],
+                          0. if digit == THUMB else -math.inf)
 
 
 @jit

@@ -61,11 +61,20 @@ class NaturalFlexion(NamedTuple):
     ----------
     slope, offset, spread : float
         Line, and standard deviation from it [1, rad, rad].
+    least : float
+        First flexion below which the second stays: a thumb's CMC extends without its MCP [rad].
     """
 
     slope: float
     offset: float
     spread: float
+    least: float = -math.inf
+
+
+@jit
+def usual_flexion(natural: NaturalFlexion, angle1: float) -> float:
+    """Return the usual second flexion at a first one [rad]."""
+    return natural.offset + natural.slope * max(angle1, natural.least)
 
 
 @jit
@@ -135,7 +144,7 @@ def _bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexio
     """Return the cost of one of two bends, in turns of the second hinge [rad]."""
     return (abs(angle2 - previous2)
             + UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread) * abs(
-                angle2 - (natural.offset + natural.slope * max(angle1, 0.0)))
+                angle2 - usual_flexion(natural, max(angle1, 0.0)))
             + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
             + miss / MISS_PER_RADIAN)
 
@@ -433,7 +442,7 @@ def _descend(along: float, height: float, linkage: Linkage, angle1: float, angle
     """Return the second and third flexion nearest the target at a given first, by descent.
 
     Descending from the given flexions stays on one side of an unreachable target, where the
-    globally nearest point may jump.
+    globally nearest point may jump. The chain may extend beyond its `straightest`.
     """
     # The target in the frame of the first bone, palmar side positive.
     ahead = along * math.cos(angle1) - height * math.sin(angle1)

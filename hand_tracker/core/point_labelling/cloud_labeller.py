@@ -32,6 +32,7 @@ from .palm_search import (
 )
 from .posture import count_seen
 from .prototypes import HandPrototype, Prototype
+from .rivals import SHAKEN_TIME
 from .side_evidence import OTHER_SIDE_LEAD, SideEvidence
 from .wearer_postures import WearerPostures
 
@@ -42,7 +43,8 @@ LONGEST_PAUSE = .25          # [s] gap between frames after which all tracks are
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # Cost lead of the mirrored hand above which a hand just found, or followed, is rejected; ours.
 MIRROR_MARGIN, FOLLOWED_MIRROR_MARGIN = 6., 16.
-# The same of a hand just found, where the one before was of the other side: so much less; ours.
+# Cost lead of a hand just found over the mirrored one above which the verdict that the hand before
+# was of the other side is dropped; ours.
 CLEAR_SIDE_LEAD = 60.
 # Most markers of a hand whose side is checked while it is followed, and with free points; ours.
 MOST_CHECKED = 12
@@ -344,8 +346,8 @@ class CloudLabeller:
             self._follow_cloud[which] = for_types_of(which[0], arguments)
         self._follow_cloud[which](*arguments)
         for hand, track, is_lost in zip(hands, tracks, lost.tolist()):
-            if track.shaken_for[0] > 0.:    # a cut: this may be another hand
-                hand.side.lose()
+            if track.shaken_for[0] > SHAKEN_TIME - 1.5 * step:
+                hand.side.lose()    # after a cut this may be another hand
             if is_lost or self._is_of_other_side(hand, track, frame, step):
                 hand.lose()
 

@@ -429,4 +429,4 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             # An angle that still goes back to its marker is off by as much as it has to go, within
             # limits that may be new.
             if offset[joint] != 0.:
-                found[joint] = math.hypot(found[joint], min(abs(offset[joint]), range_of_joint))
+                found[joint] = min(math.hypot(found[joint], offset[joint]), range_of_joint)

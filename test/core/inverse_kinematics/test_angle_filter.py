@@ -169,6 +169,18 @@ def test_a_marker_that_moves_with_the_skin_is_believed_less_where_it_is_blind(pi
     assert (found[2] < natural).all()
 
 
+def test_an_extended_cmc_of_the_thumb_does_not_stretch_its_mcp():
+    cmc, mcp, ip = FLEXION_JOINTS[4]
+    angles = posture(0., .3)
+    angles[[cmc, mcp, ip]] = np.radians((-8., 4., 4.))
+    still, filtered = markers_of(angles, LAYOUTS['paper']), Filtered(start=angles)
+    random = np.random.default_rng(3)
+    found = [filtered.frame(still + NOISE * random.standard_normal((5, 3)))[1][mcp]
+             for _ in range(360)]
+    # It went to 0 and stayed there.
+    assert np.degrees(np.mean(found[120:])) > 2.
+
+
 def test_a_bent_finger_that_moves_is_followed_at_once():
     filtered = Filtered()
     for frame in range(60):

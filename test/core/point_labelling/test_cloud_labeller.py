@@ -404,7 +404,7 @@ def test_a_hand_of_the_other_side_that_comes_after_is_not_taken_for_the_one_that
     labeller = CloudLabeller([prototype(side)])
     found = np.array([labeller.update(shuffled(frame, random)[0], time).found[0]
                       for frame, time in zip(frames, times)])
-    # It was, for 1.5 s and more.
+    # One of the four for half a second; they were for 0 to 2.5 s.
     assert found[third:2 * third - 60].sum() <= .6 * RATE
     assert found[2 * third - 60 + round(1.1 * RATE):].all()
 

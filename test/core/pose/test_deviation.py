@@ -160,6 +160,14 @@ def test_an_angle_that_goes_back_to_its_marker_is_off_by_the_way():
     assert deviations(bent(30.), offset=offset, hidden_for=.1)[pip] == hidden
 
 
+def test_an_angle_is_off_by_no_more_than_the_range_of_its_joint():
+    pip = FLEXION_JOINTS[1, 1]
+    offset = NOTHING.copy()
+    # Limits that were set while it goes back leave it less.
+    offset[pip] = 2. * np.ptp(HAND.limits[pip])
+    assert deviations(bent(30.), offset=offset)[pip] == np.ptp(HAND.limits[pip])
+
+
 def test_markers_at_all_joints_show_more_than_eight():
     joints = np.concatenate((FLEXION_JOINTS.ravel(), ABDUCTION_JOINTS))
     found = []
