@@ -28,10 +28,10 @@ class FitCheck:
     misfit : float
         Mean over the last `FIT_AFTER` of tracking [m].
     far_off_for : float
-        Time with frames far off the hand since one that fitted, less that with frames between, up
-        to `OFF_HAND_AFTER` [s].
+        Time with frames far off the hand, less that with nearer ones, since one that fitted; at
+        most `OFF_HAND_AFTER` [s].
     is_off : bool
-        Whether that was as long, until it is 0 again.
+        Whether that has reached `OFF_HAND_AFTER`, until it is 0 again.
     is_misfit : bool
         Whether frames are far off on average, though not each one.
     has_fitted : bool
@@ -84,7 +84,7 @@ class FitCheck:
         self._last = now
 
     def _note_distance(self, now: float, is_tracked: bool) -> None:
-        """Sum the time since the last frame, as that frame was off the hand."""
+        """Add the time since the last frame where that was far off, else take it away."""
         step = 0. if self._judged is None else now - self._judged
         # Rounded, as sums of steps miss the limit by as little.
         self.far_off_for = min(max(round(

@@ -94,7 +94,7 @@ class MarkerEvents:
 
 
 class ExchangedLabels:
-    """Watch for many labels that are exchanged, and otherwise than a while ago.
+    """Watch for many exchanged labels that are not those of a while ago.
 
     Attributes
     ----------
