@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
 from ..files.bags import BagError
-from ..files.recordings import has_recording_suffix
+from ..files.recordings import has_recording_suffix, unpacked_name
 from ..files.remote_files import Url, local_copy, matching, upload
 from ..files.written_kinds import (
     OUTPUT_KINDS,
@@ -234,7 +234,7 @@ def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
     """Return names for recordings: without a suffix, but where two differ by it alone."""
     named = [Path(one.name) if isinstance(one, Url) else one.resolve() for one in recordings]
     # A folder's name may have dots.
-    stems = [one.stem if has_recording_suffix(one) else one.name for one in named]
+    stems = [unpacked_name(one).stem if has_recording_suffix(one) else one.name for one in named]
     return [one.name if stems.count(stem) > 1 else stem for one, stem in zip(named, stems)]
 
 

@@ -152,9 +152,14 @@ def is_bag(path: str | PathLike[str]) -> bool:
     return head.startswith(BAG_STARTS) or path.suffix.lower() in STORAGE
 
 
+def unpacked_name(path: Path) -> Path:
+    """Return the name of a file, without the extension of a gzipped one."""
+    return Path(path.stem if path.suffix.lower() == PACKED_SUFFIX else path.name)
+
+
 def has_recording_suffix(path: Path) -> bool:
-    """Return whether a path has a recording's extension, whatever its case."""
-    return path.suffix.lower() in (*STORAGE, *FILE_SUFFIXES)
+    """Return whether a path has a recording's extension, gzipped or not, whatever its case."""
+    return unpacked_name(path).suffix.lower() in (*STORAGE, *FILE_SUFFIXES)
 
 
 def is_named_as_recording(path: Path) -> bool:
@@ -224,7 +229,7 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
 
 
 def _by_name(path: Path) -> FileFormat | None:
-    suffix = Path(path.name.removesuffix(PACKED_SUFFIX)).suffix.lower()
+    suffix = unpacked_name(path).suffix.lower()
     return next((one for one in FORMATS if suffix in one.suffixes), None)
 
 

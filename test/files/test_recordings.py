@@ -29,6 +29,7 @@ from hand_tracker.files.recordings import (
     is_named_as_recording,
     read_recording,
     recognised_format,
+    recordings_at,
     write_recording,
 )
 from hand_tracker.files.written_kinds import WRITTEN_FORMATS
@@ -465,3 +466,10 @@ def test_options_list_every_format_that_is_written():
 def test_recordings_of_a_folder_are_known_by_extensions_in_capitals_too():
     assert all(map(is_named_as_recording, map(Path, ('TAKE.C3D', 'take.c3d', 'Take.Mcap'))))
     assert not is_named_as_recording(Path('TAKE.PDF'))
+
+
+def test_gzipped_recordings_of_a_folder_are_among_the_others(tmp_path):
+    for name in ('b.npz', 'a.trc.gz', 'C.TSV.GZ', 'notes.txt.gz'):
+        (tmp_path / name).touch()
+    found, left_out = recordings_at(tmp_path)
+    assert ([one.name for one in found], left_out) == (['C.TSV.GZ', 'a.trc.gz', 'b.npz'], [])

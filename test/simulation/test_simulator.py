@@ -254,6 +254,14 @@ def test_the_entry_of_the_node_records_when_it_is_given_a_motion(tmp_path):
         assert done.returncode == code and said in done.stdout + done.stderr
 
 
+def test_one_file_for_two_outputs_is_refused(tmp_path, capsys):
+    same = str(tmp_path / 'same.csv')
+    with pytest.raises(SystemExit, match='2'):
+        main(['simulate', 'typing', '-o', str(tmp_path / 'out.mcap'), '--truth', same,
+              '--calibration', same])
+    assert 'expected a file each' in capsys.readouterr().err and not any(tmp_path.iterdir())
+
+
 def test_strokes_of_a_long_motion_cost_no_more(monkeypatch):
     motion = motion_named('typing', HAND, 1, 600.)
     # All strokes at once, as they add up anywhere.
