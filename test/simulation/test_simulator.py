@@ -257,7 +257,7 @@ def test_the_entry_of_the_node_records_when_it_is_given_a_motion(tmp_path):
 def test_one_file_for_two_outputs_is_refused(tmp_path, capsys):
     same = str(tmp_path / 'same.csv')
     with pytest.raises(SystemExit, match='2'):
-        main(['simulate', 'typing', '-o', str(tmp_path / 'out.mcap'), '--truth', same,
+        main(['typing', '-o', str(tmp_path / 'out.mcap'), '--truth', same,
               '--calibration', same])
     assert 'expected a file each' in capsys.readouterr().err and not any(tmp_path.iterdir())
 
