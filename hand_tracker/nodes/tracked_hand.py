@@ -32,7 +32,6 @@ from ..tracking.auto_size import AutoSize
 from ..tracking.diagnostics import Level, Status
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_check import ExchangeCheck
-from ..tracking.marker_events import ExchangedLabels
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
@@ -111,7 +110,6 @@ class TrackedHand:
         self.settings = self._settings_of(self.hand, self._values())
         self._topic = ''
         self._monitor = Monitor(time.monotonic(), self._topic, self.settings.labels)
-        self._exchanged = ExchangedLabels()
         self._has_new_settings = False
         self._new_hand: tuple[Hand, MarkerLayout] | None = None
         self._mocap_frame = start['mocap_frame']
@@ -182,13 +180,11 @@ class TrackedHand:
     @property
     def needs_each_frame(self) -> bool:
         """Whether the next frame is to take the slow path, too."""
-        return self.stream.needs_each_frame or self._exchanged.are_new
+        return self.stream.needs_each_frame or self._monitor.needs_each_frame
 
     def published(self, frame: TrackedFrame) -> None:
         """Note a frame of the slow path, published if it is valid."""
-        now = time.monotonic()
-        self._published.append(TrackedFrames.of(frame, now))
-        self._exchanged.add(frame.state.marker_states, now)
+        self._published.append(TrackedFrames.of(frame, time.monotonic()))
         self._latest = frame.stamp, frame.frame_id, frame.state
         if not frame.is_valid:
             return
@@ -203,9 +199,6 @@ class TrackedHand:
         assert self._latest is not None
         self._latest = frames.stamp, self._latest[1], frames.state
         self._published.append(frames)
-        self._exchanged.add(frames.state.marker_states, frames.published[-1])
-        if self._exchanged.are_new:
-            self._node.disable_fast_path()
         if self.display.has_viewers:
             self._show()
 
@@ -405,8 +398,7 @@ class TrackedHand:
         self._monitor.set_labelling(self.stream.awaits_labelling, self.stream.why_not_found)
         lines = (*self.stream.pop_log_lines(), *self.services.pop_log_lines(),
                  *self._monitor.log_lines(time.monotonic(), self._who_publishes))
-        if self._monitor.is_wrong:
-            # Its frames are left out from here on.
+        if self._monitor.needs_each_frame:
             self._node.disable_fast_path()
         for is_warning, line in lines:
             # One of both hands is named.

@@ -74,7 +74,15 @@ class FitCheck:
             self.mean += (residual - self.mean) / self._frames
             self.has_fitted |= residual <= OFF_HAND_DISTANCE
         if is_seen or not is_tracked:
-            self._note_distance(now, is_tracked)
+            step = 0. if self._judged is None else now - self._judged
+            # Rounded, as sums of steps miss the limit by as little.
+            self.far_off_for = min(max(round(
+                self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
+            if not is_tracked or residual <= BAD_FIT_RESIDUAL:
+                self.far_off_for = 0.
+            if self.far_off_for in (0., OFF_HAND_AFTER):
+                self.is_off = self.far_off_for > 0.
+            self._was_far_off, self._judged = is_tracked and residual > OFF_HAND_DISTANCE, now
         if not (is_tracked and is_of_side and is_seen) or self.is_off:
             return
         if self._last is not None:
@@ -82,18 +90,6 @@ class FitCheck:
             self._seconds += step
             self._total += step * residual
         self._last = now
-
-    def _note_distance(self, now: float, is_tracked: bool) -> None:
-        """Add the time since the last frame where that was far off, else take it away."""
-        step = 0. if self._judged is None else now - self._judged
-        # Rounded, as sums of steps miss the limit by as little.
-        self.far_off_for = min(max(round(
-            self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
-        if not is_tracked or self.residual <= BAD_FIT_RESIDUAL:
-            self.far_off_for = 0.
-        self.is_off = self.far_off_for > 0. if self.is_off else self.far_off_for >= OFF_HAND_AFTER
-        self._was_far_off = is_tracked and self.residual > OFF_HAND_DISTANCE
-        self._judged = now
 
     def judge(self) -> float | None:
         """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""

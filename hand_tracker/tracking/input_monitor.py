@@ -85,6 +85,7 @@ class InputMonitor:
     awaits_labelling, why_not_found
         As of `Stream`.
     fit : FitCheck
+    events : MarkerEvents
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,
@@ -108,7 +109,7 @@ class InputMonitor:
         self.learned_size = ''
         self.awaits_labelling, self.why_not_found = False, ''
         self._limiter = LogRateLimiter()
-        self._events = MarkerEvents(len(labels.labels))
+        self.events = MarkerEvents(len(labels.labels))
         self._once = OncePerKey()
         self._pending: list[str] = []
 
@@ -195,7 +196,7 @@ class InputMonitor:
         is_tracked = palm is PalmState.TRACKED
         self.fit.add(now, mean_residual(state.residuals), is_tracked,
                      is_of_side=self.bends_away_from is None)
-        self._events.update(now, state.marker_states, is_tracked)
+        self.events.update(now, state.marker_states, is_tracked)
 
     def exchanged(self, rather: Mapping[int, int]) -> None:
         """Note which markers are rather others, as of `ExchangeCheck.add`, until noted anew."""
@@ -283,7 +284,7 @@ class InputMonitor:
         # Of a hand of the other side all that is wrong with its markers follows from that.
         if self.bends_away_from is None:
             lines += [(is_warning, f'{text}: {self._expected(slots)}')
-                      for is_warning, text, slots in self._events.report(now)]
+                      for is_warning, text, slots in self.events.report(now)]
         return lines
 
     @property
@@ -309,20 +310,18 @@ class InputMonitor:
             'silent', 'unlabelled', 'mirrored' or 'off' (the hand) prevail over the state of the
             palm; 'slow' over what too few frames may look like; None when nothing has come yet.
         """
-        found = self._situation(now)
-        is_seen = found in (PalmState.TRACKED, 'mirrored', 'off')
-        return 'slow' if self.awaits_labelling and self._has_received and not is_seen else found
-
-    def _situation(self, now: float) -> PalmState | str | None:
         if now - self._received > SILENT_AFTER:
-            return 'silent'
-        if now - self._labelled > SILENT_AFTER:
-            return 'unlabelled'
-        if self.bends_away_from is not None:
+            found: PalmState | str | None = 'silent'
+        elif now - self._labelled > SILENT_AFTER:
+            found = 'unlabelled'
+        elif self.bends_away_from is not None:
             return 'mirrored'
-        if self.fit.is_off or self.fit.is_misfit and self._palm is PalmState.TRACKED:
+        elif self.fit.is_off or self.fit.is_misfit and self._palm is PalmState.TRACKED:
             return 'off'
-        return self._palm
+        else:
+            found = self._palm
+        is_slow = self.awaits_labelling and self._has_received
+        return 'slow' if is_slow and found is not PalmState.TRACKED else found
 
     def describe(self, now: float, situation: PalmState | str | None,
                  publishers: Callable[[], str | None]) -> str:

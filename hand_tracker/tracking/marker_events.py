@@ -34,9 +34,17 @@ class MarkerEvents:
     ----------
     count : int, optional
         Number of markers; the paper's eight when left out.
+
+    Attributes
+    ----------
+    exchanges_many : bool
+        Whether many labels are exchanged that were not a while ago: `LabelChanges` should see each
+        frame, to find out whether labels are of any use.
     """
 
     def __init__(self, count: int = len(MARKERS)) -> None:
+        self.exchanges_many = False
+        self._exchanged, self._exchanged_since = b'', 0.
         self._noted = np.full(count, AS_EXPECTED)
         self._reported = np.full(count, AS_EXPECTED)
         self._unseen_at = np.zeros(count)
@@ -64,6 +72,11 @@ class MarkerEvents:
             self._unseen_at[unexpected] = now
             events = IS_EVENT[marker_states]
             self._noted[events] = marker_states[events]
+        exchanged = marker_states == MarkerState.SWAPPED
+        is_many = exchanged.sum() >= MANY_EXCHANGED
+        if is_many and (which := exchanged.tobytes()) != self._exchanged:
+            self._exchanged, self._exchanged_since = which, now
+        self.exchanges_many = bool(is_many and now - self._exchanged_since < UNLABELLED_AFTER)
 
     def report(self, now: float) -> list[tuple[bool, str, np.ndarray]]:
         """Return the events since the last report.
@@ -91,30 +104,6 @@ class MarkerEvents:
             self._reported[slots] = AS_EXPECTED
             events.append((False, 'seen again as expected', slots))
         return events
-
-
-class ExchangedLabels:
-    """Watch for many exchanged labels that are not those of a while ago.
-
-    Attributes
-    ----------
-    are_new : bool
-        Whether `LabelChanges` should see each frame, to find out whether labels are of any use.
-    """
-
-    def __init__(self) -> None:
-        self.are_new = False
-        self._last, self._since = b'', 0.
-
-    def add(self, marker_states: np.ndarray, now: float) -> None:
-        """Note the states of a frame, (n,), at a time on a clock that never jumps [s]."""
-        exchanged = marker_states == MarkerState.SWAPPED
-        if exchanged.sum() < MANY_EXCHANGED:
-            self.are_new = False
-            return
-        if (which := exchanged.tobytes()) != self._last:
-            self._last, self._since = which, now
-        self.are_new = now - self._since < UNLABELLED_AFTER
 
 
 class LabelChanges:

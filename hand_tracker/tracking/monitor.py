@@ -201,6 +201,11 @@ class Monitor:
         """Whether the markers are not the tracked hand's, so that no pose is published."""
         return self._input.is_wrong
 
+    @property
+    def needs_each_frame(self) -> bool:
+        """Whether each frame is to be seen: to leave it out, or to find labels of no use."""
+        return self._input.is_wrong or self._input.events.exchanges_many
+
     def judge(self, received: float, frame: TrackedFrame | MarkerFrame) -> TrackedFrame | None:
         """Invalidate a result of `Stream.track` if earlier frames show another hand's markers.
 

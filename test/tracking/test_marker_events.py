@@ -10,7 +10,6 @@ from hand_tracker.tracking.marker_events import (
     MANY_EXCHANGED,
     RECOVERED_AFTER,
     UNLABELLED_AFTER,
-    ExchangedLabels,
     MarkerEvents,
 )
 from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
@@ -120,12 +119,12 @@ def exchanged(first, count=MANY_EXCHANGED):
     return states(**dict.fromkeys(MARKERS[first:first + count], MarkerState.SWAPPED))
 
 
-def test_many_exchanged_labels_are_new_until_the_same_have_been_for_long():
-    labels = ExchangedLabels()
-    for now, given, are_new in (
+def test_many_labels_are_exchanged_anew_until_the_same_have_been_for_long():
+    events = MarkerEvents()
+    for now, given, is_new in (
             (0., exchanged(0, MANY_EXCHANGED - 1), False), (1., exchanged(0), True),
             (1. + .9 * UNLABELLED_AFTER, exchanged(0), True),
             (1. + UNLABELLED_AFTER, exchanged(0), False), (4., states(), False),
             (5., exchanged(0), False), (6., exchanged(1), True)):
-        labels.add(given, now)
-        assert labels.are_new == are_new, now
+        events.update(now, given, True)
+        assert events.exchanges_many == is_new, now

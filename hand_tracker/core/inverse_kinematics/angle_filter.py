@@ -35,7 +35,6 @@ from .flexion import (
     chain_reach,
     coupled_angle,
     flexion_of,
-    usual_flexion,
 )
 
 # Time constant of the mean innovation, which is taken for motion [s].
@@ -299,7 +298,8 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     variance = min(variance, left) if evidence.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    usual = usual_flexion(natural, _aim(linkage, target, angle)[0])
+    aim = max(_aim(linkage, target, angle)[0], natural.least)
+    usual = natural.offset + natural.slope * aim
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
         usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.step, variance)

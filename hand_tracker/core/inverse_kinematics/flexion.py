@@ -72,12 +72,6 @@ class NaturalFlexion(NamedTuple):
 
 
 @jit
-def usual_flexion(natural: NaturalFlexion, angle1: float) -> float:
-    """Return the usual second flexion at a first one [rad]."""
-    return natural.offset + natural.slope * max(angle1, natural.least)
-
-
-@jit
 def flexion_of(along: float, height: float) -> float:
     """Return the angle of flexion of a direction in the plane [rad]."""
     return math.atan2(-height, along)
@@ -144,7 +138,7 @@ def _bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexio
     """Return the cost of one of two bends, in turns of the second hinge [rad]."""
     return (abs(angle2 - previous2)
             + UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread) * abs(
-                angle2 - usual_flexion(natural, max(angle1, 0.0)))
+                angle2 - (natural.offset + natural.slope * max(angle1, 0.0)))
             + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
             + miss / MISS_PER_RADIAN)
 
