@@ -122,13 +122,13 @@ def _repaired(takes: Sequence[MarkerTake], prepare: Callable[[], object]) -> lis
     """Return takes whose exchanged labels are put right, and say so."""
     repaired = []
     for take in takes:
-        if worn_order(take) is not None:
+        if (order := worn_order(take)) is not None:
             prepare()
-        right, changed = with_labels_put_right(take)
-        if changed:
-            print(f'note: {take.name}: labels are exchanged in {changed} of {len(take.points)} '
-                  'frames, and were put right', file=sys.stderr)
-        repaired.append(right)
+            take, changed = with_labels_put_right(take, order)
+            if changed:
+                print(f'note: {take.name}: labels are exchanged in {changed} of '
+                      f'{len(take.points)} frames, and were put right', file=sys.stderr)
+        repaired.append(take)
     return repaired
 
 

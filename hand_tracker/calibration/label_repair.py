@@ -18,24 +18,23 @@ from .takes import MarkerTake
 from .worn_markers import PAPER_PALM
 
 
-def with_labels_put_right(take: MarkerTake) -> tuple[MarkerTake, int]:
+def with_labels_put_right(take: MarkerTake, order: list[int]) -> tuple[MarkerTake, int]:
     """Put exchanged labels of a take of the eight worn markers alone right.
 
     Parameters
     ----------
     take : MarkerTake
+    order : list of int
+        Of `worn_order`.
 
     Returns
     -------
     MarkerTake
-        The same for takes of other markers, and where none are exchanged. In frames with exchanged
-        labels a marker that the tracker does not see is missing.
+        The same where none are exchanged. In frames with exchanged labels a marker that the
+        tracker does not see is missing.
     int
         In how many frames labels were exchanged.
     """
-    order = worn_order(take)
-    if order is None:
-        return take, 0
     places = [canonical_name(take.names[row]) for row in order]
     layout = replace(preset_layout(SKIN_LAYOUT), places=tuple(places))
     usual = Hand.scaled(side=take.side)

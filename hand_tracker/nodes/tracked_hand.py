@@ -405,10 +405,6 @@ class TrackedHand:
             log_line(self._node, is_warning,
                      f'{self.hand.side} hand: {line}' if self._scope else line)
 
-    def update_calibration(self) -> bool:
-        """Go on with a calibration; return whether it has changed."""
-        return self.services.update()
-
     def publish_status(self, now: float) -> None:
         """Publish the status on /diagnostics."""
         self._warn_of_other_clock()

@@ -265,7 +265,7 @@ class TrackerNode(SubscriptionHidingNode):
             hand.log()
 
     def _update_calibrations(self) -> None:
-        if any([hand.update_calibration() for hand in self.hands]):
+        if any([hand.services.update() for hand in self.hands]):
             self._publish_status()
 
     def _publish_status(self) -> None:

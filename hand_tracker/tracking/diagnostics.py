@@ -262,9 +262,9 @@ class Diagnostics:
         if situation == 'slow':
             return Level.WARN, text
         if situation is not PalmState.TRACKED:
-            is_searched = situation in (PalmState.LOST, PalmState.WAITING)
-            return Level.ERROR, '; '.join(filter(None, (
-                text, self._input.why_not_found if is_searched else '')))
+            if self._input.why_not_found and situation in (PalmState.LOST, PalmState.WAITING):
+                text += f'; {self._input.why_not_found}'
+            return Level.ERROR, text
         assert self._state is not None
         troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
                     if (markers := [self._input.labels.names[slot] for slot in np.flatnonzero(

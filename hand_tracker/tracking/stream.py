@@ -440,23 +440,23 @@ class Stream:
             # Frames too few to find a hand in do not tell why none is found.
             lines += [line for line in reader.pop_log_lines()
                       if not (line[0] and self._awaits_labelling)]
+        news: list[tuple[bool, str | None]] = []
         labelling = self._labelling
-        if self._awaits_labelling and labelling is not None and (
-                labelling.error or LABELLING_SET in labelling.loaded):
-            self._awaits_labelling = False
-            if reader is not None:
+        if self._awaits_labelling and labelling is not None:
+            is_loaded = LABELLING_SET in labelling.loaded
+            self._awaits_labelling = not (is_loaded or labelling.error)
+            if reader is not None and not self._awaits_labelling:
                 reader.forget_search()
-            if (done := 'compiled kernels label points now') not in self._reported and (
-                    not labelling.error):
-                self._reported.append(done)
-                lines.append((False, done))
-        for one in self.compilation, self._labelling:
+            if is_loaded:
+                news.append((False, 'compiled kernels label points now'))
+        for one in self.compilation, labelling:
             if one is None:
                 continue
             error = one.error and ('the kernels could not be compiled, frames go on being tracked '
                                    f'more slowly: {one.error}')
-            for line in one.unkept, error:
-                if line is not None and line not in self._reported:
-                    self._reported.append(line)
-                    lines.append((True, line))
+            news += [(True, one.unkept), (True, error)]
+        for is_warning, line in news:
+            if line is not None and line not in self._reported:
+                self._reported.append(line)
+                lines.append((is_warning, line))
         return lines
