@@ -51,8 +51,8 @@ NEUTRAL_ABDUCTION_VARIANCE = 4e-3
 FLEXION_BOUND = 1.15
 ABDUCTION_BOUND = .6
 LARGEST_MISS = 1e-3
-BACKTRACKING_STEPS = 4                # steps back to the marker, the last one all the way
-RETURN_SHARE = .95         # [1] of what would be enough, were the reach proportional to the angle
+BOUND_STEPS = 4            # to the angle at the bound
+BOUND_SHARE = .95          # [1] of the bound that is near enough to it
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
 UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
 LONGEST_STEP = .05         # [s] at which the time step is capped
@@ -311,14 +311,24 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
 
     # The measurement bounds the estimate.
     least = _aim(linkage, target, found)[1]
-    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
     aim, miss = _aim(linkage, target, angle)
-    for rest in range(BACKTRACKING_STEPS):
-        if miss - least <= most:
-            break
-        share = RETURN_SHARE * most / (miss - least) if rest < BACKTRACKING_STEPS - 1 else 0.
-        angle = found + share * (angle - found)
-        aim, miss = _aim(linkage, target, angle)
+    excess = miss - least
+    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
+    if excess > most:
+        # False position between the found angle, within the bound, and the free one.
+        inside, excess_inside, outside, free = 0., 0., 1., angle
+        for _ in range(BOUND_STEPS):
+            share = inside + (outside - inside) * (
+                BOUND_SHARE * most - excess_inside) / (excess - excess_inside)
+            aim, miss = _aim(linkage, target, found + share * (free - found))
+            if miss - least > most:
+                outside, excess = share, miss - least
+            else:
+                inside, excess_inside = share, miss - least
+                if excess_inside > (2. * BOUND_SHARE - 1.) * most:
+                    break
+        angle = found + inside * (free - found)
+        aim, _ = _aim(linkage, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step
     two_bends = straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
