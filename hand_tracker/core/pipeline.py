@@ -415,6 +415,10 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
     model, chains, state = model[0], chains[0], state[0]
     if model.rows.has_several[:5].any():
         refine_digits(chains, model.rows, state.rows, seen, state.estimate.angles, step)
+        for joint in range(25):
+            # Hidden, it goes on from these angles, not from those by its principal marker.
+            if model.rows.has_several[DIGIT_OF_JOINT[joint]]:
+                state.estimate.shift[joint] = 0.
 
 
 @jit

@@ -56,7 +56,9 @@ BOUND_SHARE = .95          # [1] of the bound that is near enough to it
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
 UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
 LONGEST_STEP = .05         # [s] at which the time step is capped
+FIRST_STEP = .01           # [s] that the natural flexion counts in a digit's first frame
 SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
+UNKNOWN_VARIANCE = 1.      # [rad²] before the first frame
 REACQUISITION_VARIANCE = .05        # [rad²] where the evidence of a digit changed
 LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
 LIKELY_STEPS = 4           # of Gauss and Newton to the likeliest flexion
@@ -105,7 +107,7 @@ class DigitEvidence(NamedTuple):
 
 def initial_angle_filter(angles: np.ndarray) -> AngleFilter:
     """Return the `AngleFilter` before the first frame, at angles of shape (25,) [rad]."""
-    return AngleFilter(angles.copy(), np.zeros((5, 2)), np.zeros(len(angles)),
+    return AngleFilter(angles.copy(), np.full((5, 2), UNKNOWN_VARIANCE), np.zeros(len(angles)),
                        np.zeros(5, dtype=bool))
 
 
@@ -149,9 +151,9 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
     for digit in range(5):
         begins = not state.running[digit]
         state.running[digit] = observation.seen[digit]
-        if begins:
+        if not observation.seen[digit]:
             state.variance[digit, :] = 0.
-        if observation.seen[digit]:
+        else:
             measured = components(frame(chains.base[digit]), subtract(
                 vector(observation.positions[digit]), vector(roots[digit])))
             marker = measured
@@ -296,13 +298,14 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
         innovation, slope, FLEXION_NOISE_VARIANCE * evidence.noise * evidence.noise,
         1. - math.exp(-evidence.step / INNOVATION_TIME), variance + evidence.leap)
     variance = min(variance, left) if evidence.leap > 0. else left
-    bent = angle >= straight
+    bent = angle + found >= 2. * straight    # where one is straight, the other decides
     angle += correction
     aim = max(_aim(linkage, target, angle)[0], natural.least)
     usual = natural.offset + natural.slope * aim
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
-        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.step, variance)
+        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness,
+        evidence.step if evidence.step > 0. else FIRST_STEP, variance)
     angle += correction
     if not crossed:
         angle = max(angle, straight) if bent else min(angle, straight)

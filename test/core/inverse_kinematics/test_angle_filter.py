@@ -201,6 +201,30 @@ def test_a_digit_that_comes_back_starts_from_where_it_was_published():
     assert np.isfinite(filtered.state.variance).all()
 
 
+def test_a_digit_begins_where_it_goes_on():
+    angles = posture(.5, .45)
+    filtered, random = Filtered('skin', HAND.relaxed()), np.random.default_rng(2)
+    place = markers_of(angles, filtered.layout)
+    # A millimetre farther than it is: the reach alone would begin with a straight finger.
+    place[:4] += .001 * place[:4] / np.linalg.norm(place[:4], axis=1)[:, None]
+    found = [filtered.frame(place + random.normal(scale=1e-4, size=(5, 3)), noise=1e-3)[1][SECOND]
+             for _ in range(12)]
+    assert np.degrees(np.abs(np.diff(found, axis=0))).max() < 5.
+
+
+def test_an_exactly_straight_finger_bends_to_either_side():
+    for bend in (-.2, .2):
+        filtered = Filtered('skin')
+        straight = -filtered.chains.droop[0]
+        angles = posture(.3, straight + bend)
+        filtered.solved[:] = angles
+        filtered.frame(markers_of(angles, filtered.layout))
+        filtered.state.angles[SECOND[0]] = straight
+        for _ in range(60):
+            _, found = filtered.frame(markers_of(angles, filtered.layout), noise=5e-4)
+        assert (found[SECOND[0]] - straight) / bend > .1
+
+
 def test_no_time_passes_without_harm():
     filtered = Filtered()
     markers = markers_of(posture(.3, .5), filtered.layout)
