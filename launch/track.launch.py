@@ -146,7 +146,9 @@ ARGUMENTS = (
                 'Frame that the left one of both hands hangs on; both hang on a body, or neither'),
     ArgumentRow('left_mount', '', 'Parameter file with the offset of the left one of both hands'),
     ArgumentRow('fixed_frame', 'mocap', 'Fixed frame of RViz'),
-    ArgumentRow('use_sim_time', 'false', 'Follow /clock', TRUE_FALSE),
+    ArgumentRow('use_sim_time', 'false',
+                'Follow /clock, which another node publishes: the replay here does not',
+                TRUE_FALSE),
     ArgumentRow('respawn', 'auto',
                 'Start a tracker that dies anew; else all ends with it, the driving of a robot '
                 'too; auto: true where a robot is driven by a process of its own, which holds it '
@@ -270,7 +272,8 @@ def retargets(plan: LaunchPlan) -> list[Action]:
     if plan.has_robot:
         return []
     return [node(plan, 'retarget', robot, file=plan.given['parameters'], namespace=hand.namespace,
-                 remappings=plan.joint_remappings(hand)) for hand, robot in driven]
+                 remappings=plan.joint_remappings(hand), on_exit=ended('retarget'))
+            for hand, robot in driven]
 
 
 def robots_beside(plan: LaunchPlan) -> list[Action]:

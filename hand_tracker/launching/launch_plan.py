@@ -32,6 +32,11 @@ Value = TypeVar('Value')
 
 # Systems of which the tracker, or else a source node, takes the messages or packets.
 SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
+# Sources that an argument says something to.
+SOURCES_OF_ARGUMENT = {
+    'topic': tuple(system for system in SYSTEMS if system not in SERVED),
+    'message': ('mocap4r2', 'landmarks'), 'server': SERVED,
+    'subject': SYSTEMS, 'up': SYSTEMS, 'latency': ('qualisys',), 'recording': ('recording',)}
 NO_PREFIX = 'none'  # as `ros2 launch` takes no empty value
 TRACKER_NAME, SOURCE_NAME, RETARGET_NAME = 'hand_tracker', 'source', 'retarget'
 MARKERS_TOPIC = 'markers'
@@ -131,10 +136,10 @@ class LaunchPlan:
         self._file = self._parameter_file()
         self.in_file = self._parameters_in_file(TRACKER_NAME)
         self.hand_parameters = self._shared_parameters()
-        self._require_system('up', SYSTEMS)
+        for name, sources in SOURCES_OF_ARGUMENT.items():
+            self._require_source(name, sources)
         if given['up'] not in ('', *UPRIGHT):
             raise InvalidLaunch(f"up: '{given['up']}'; expected {' or '.join(UPRIGHT)}")
-        self._require_system('latency', ('qualisys',))
         self.direct = self._direct_source()
         self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
             self._one_hand()]
@@ -154,11 +159,13 @@ class LaunchPlan:
         self.has_source = self._takes_packets_in_tracker()
         self._require_sections()
 
-    def _require_system(self, name: str, systems: Sequence[str]) -> None:
+    def _require_source(self, name: str, sources: Sequence[str]) -> None:
         """Refuse an argument that says nothing to the source."""
-        if self.given[name] and self.given['source'] not in systems:
-            raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected for source:="
-                                f"{', '.join(systems)} only")
+        value = self.given.get(name)
+        if value and self.given['source'] not in sources:
+            instead = '; the topic of MarkerArrays is markers:=' if name == 'topic' else ''
+            raise InvalidLaunch(f"{name}: '{value}'; expected for source:={', '.join(sources)} "
+                                f'only{instead}')
 
     def is_on(self, name: str) -> bool:
         """Return whether something is shown: by its argument, or with RViz when that is auto."""
@@ -174,8 +181,11 @@ class LaunchPlan:
 
     def full_name(self, *parts: str) -> str:
         """Return the name of a node or topic with the namespaces before it."""
-        return '/'.join(('', *filter(None, self.given['namespace'].split('/')),
-                         *filter(None, parts)))
+        namespace = self.given['namespace']
+        if not namespace.startswith('/'):
+            # A launch file that includes this one may have pushed another before it.
+            namespace = f"{self.given.get('ros_namespace', '')}/{namespace}"
+        return '/'.join(('', *filter(None, namespace.split('/')), *filter(None, parts)))
 
     def agreed(self, name: str, value: Value, default: Value, argument: str = '',
                in_file: Mapping[str, Any] | None = None) -> Value:

@@ -66,7 +66,7 @@ class HandServices:
 
     def _on_load_hand(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self._load(self._node.get_parameter(self._file_parameter).value)
+            response.message = self._load(self._hand_file)
             response.success = True
         except HandTrackerError as error:
             response.message = str(error)
@@ -108,9 +108,14 @@ class HandServices:
         ------
         HandTrackerError
         """
-        path = self._node.get_parameter(self._file_parameter).value
-        if path:
-            self._load(path)
+        if self._hand_file:
+            self._load(self._hand_file)
+
+    @property
+    def _hand_file(self) -> str:
+        """The hand file as it is set now: this hand's own, else that of both hands."""
+        return str(self._node.get_parameter(self._file_parameter).value
+                   or self._node.get_parameter('hand_file').value)
 
     def update(self) -> bool:
         """Go on with a calibration, a few times a second; return whether it has changed."""

@@ -76,6 +76,30 @@ def test_a_source_is_told_its_upward_axis_and_its_latency():
             plan_of(**given)
 
 
+@pytest.mark.parametrize('source, name, value, expected', [
+    ('markers', 'topic', '/phasespace', 'point_cloud, mocap4r2, landmarks only; the topic of '
+                                        'MarkerArrays is markers:='),
+    ('recording', 'topic', '/leds', 'is markers:='), ('natnet', 'topic', '/leds', 'landmarks only'),
+    ('markers', 'server', '10.0.0.5', 'natnet, qualisys only'),
+    ('point_cloud', 'message', 'rigid_bodies', 'mocap4r2, landmarks only'),
+    ('recording', 'subject', 'RHand', 'landmarks only'),
+    ('markers', 'recording', 'take.mcap', 'source:=recording only')])
+def test_an_argument_that_says_nothing_to_the_source_is_refused(source, name, value, expected):
+    with pytest.raises(InvalidLaunch, match=f"{name}: '{value}'; .*{expected}"):
+        plan_of(source=source, **{name: value})
+
+
+@pytest.mark.parametrize('namespace, full', [
+    ('', '/cell/joint_states'), ('arm', '/cell/arm/joint_states'), ('/arm', '/arm/joint_states')])
+def test_a_launch_file_that_includes_this_one_may_push_a_namespace(namespace, full, tmp_path):
+    plan = plan_of(side='both', namespace=namespace, ros_namespace='/cell')
+    assert plan.joint_remappings(plan.hands[0])[0] == ('joint_states', full)
+    file = tmp_path / 'mine.yaml'
+    file.write_text('/hand_tracker: {ros__parameters: {smoothing: false}}')
+    with pytest.raises(InvalidLaunch, match=full.replace('joint_states', 'hand_tracker')):
+        plan_of(namespace=namespace, ros_namespace='/cell', parameters=str(file))
+
+
 def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('/**: {ros__parameters: {side: left, wrist_frame: left_wrist}}')

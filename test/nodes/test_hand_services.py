@@ -227,3 +227,15 @@ def test_a_hand_file_of_the_other_side_is_said(tmp_path):
             time.sleep(.3)  # what is said of the input is logged a few times a second
         # With what `load_hand` logs.
         assert bench.process.output.count(note) == 2 * count
+
+
+def test_the_hand_file_of_both_hands_is_loaded_for_each_that_has_none_of_its_own(tmp_path):
+    both, own = tmp_path / 'both.yaml', tmp_path / 'own.yaml'
+    save_hand(both, HAND, LAYOUT)
+    save_hand(own, HAND, LAYOUT)
+    with tracking({'side': 'both', 'hand_file': str(both), 'left.hand_file': str(own)}) as bench:
+        for side, path in (('right', both), ('left', own)):
+            loaded = call(bench, f'{side}/load_hand')
+            assert loaded.success and f'the {side} hand of {path} is tracked' in loaded.message
+        both.write_text('nonsense: [')
+        assert str(both) in call(bench, 'right/load_hand').message
