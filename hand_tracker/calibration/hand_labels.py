@@ -26,9 +26,9 @@ HAND_WORDS = re.compile(r'hand|[\W_]|(?<=^[rl])h$')
 WORD_OR_CAPITALS_GAP = WORD_GAP + r'|(?<=[A-Z])(?=[A-Z][a-z])'    # behind capitals, too
 NUMBERED_DIGITS = {'first': 'thumb', 'second': 'index', 'third': 'middle', 'fourth': 'ring',
                    'fifth': 'little'}
-# Without a separator, the side's letter before or behind: 'rindexdip', 'IndexMCPR', 'lwrist'.
+# The side's letter right before or behind: 'rindexdip', 'Rindex_dip', 'IndexMCPR', 'lwrist'.
 JOINED_LABEL = re.compile(
-    r'([rl]?)(?:(thumb|index|middle|ring|little|pink(?:y|ie))(cmc|mcp|pip|dip|ip|tip)|(wrist))'
+    r'([rl]?)(?:(thumb|index|middle|ring|little|pink(?:y|ie))_?(cmc|mcp|pip|dip|ip|tip)|(wrist))'
     r'([rl]?)', re.IGNORECASE)
 ROKOKO_FINGER = re.compile(r'finger ([1-5]) ?([a-z]+)')    # the thumb is the first
 NUMBERED_LABEL = re.compile(r'|[A-Za-z]?\d+')

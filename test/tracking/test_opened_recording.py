@@ -74,6 +74,9 @@ def test_labels_without_a_side():
     assert [(one.side, one.name) if one else None for one in found] == [
         ('', 'index_pip'), ('', 'thumb_mcp'), ('', 'index_dip'), ('', 'hand_left'),
         ('', 'index_middle'), None, None, None]
+    found = hand_labels(('Rindex_mcp', 'lpinky_tip', 'thumb_ipr', 'index_mcp'))
+    assert [(one.side, one.name) for one in found] == [
+        ('right', 'index_mcp'), ('left', 'little_tip'), ('right', 'thumb_ip'), ('', 'index_mcp')]
     found = hand_labels(('ringtip', 'LITTLETIP', 'rindexdipl', 'rings', 'indexip'))
     assert [(one.side, one.name) if one else None for one in found] == [
         ('', 'ring_tip'), ('', 'little_tip'), None, None, None]

@@ -51,6 +51,7 @@ NEUTRAL_ABDUCTION_VARIANCE = 4e-3
 FLEXION_BOUND = 1.15
 ABDUCTION_BOUND = .6
 LARGEST_MISS = 1e-3
+UNREACHABLE = 3e-3         # [m] beyond reach, where a marker says twice as surely: straight
 BOUND_STEPS = 4            # to the angle at the bound
 BOUND_SHARE = .95          # [1] of the bound that is near enough to it
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
@@ -316,7 +317,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     least = _aim(linkage, target, found)[1]
     aim, miss = _aim(linkage, target, angle)
     excess = miss - least
-    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
+    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS) / (1. + (least / UNREACHABLE) ** 2)
     if excess > most:
         # False position between the found angle, within the bound, and the free one.
         inside, excess_inside, outside, free = 0., 0., 1., angle
