@@ -5,6 +5,7 @@ import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from hand_tracker.core.inverse_kinematics.angle_filter import (
+    FLEXION_BOUND,
     LARGEST_MISS,
     filter_angles,
     initial_angle_filter,
@@ -146,6 +147,22 @@ def test_near_straight_a_person_s_own_flexion_decides_the_more_the_narrower_it_i
             pulled.append(own.frame(markers)[1][SECOND] - usual.frame(markers)[1][SECOND])
         shares.append(np.mean(pulled) / offset)
     assert shares[0] > 1.2 * shares[1] > 0.
+
+
+@pytest.mark.parametrize('beyond, share', [(0., 1.), (.003, .5)])
+def test_an_estimate_that_is_far_off_stops_at_its_bound_which_is_tighter_beyond_reach(
+        beyond, share):
+    angles = posture(.1, .02)
+    filtered = Filtered(start=angles)
+    place, roots = markers_of(angles, filtered.layout), filtered.chains.root
+    place[:4] += beyond * (place - roots)[:4] / np.linalg.norm(place - roots, axis=1)[:4, None]
+    filtered.frame(place)
+    filtered.state.angles[SECOND] = .4
+    filtered.state.variance[:] = 1e-9
+    missed = [np.linalg.norm(markers_of(found, filtered.layout) - place, axis=1)[:4]
+              for found in filtered.frame(place, step=1e-4)]
+    of_bound = (missed[1] - missed[0]) / (share * FLEXION_BOUND * NOISE)
+    assert (of_bound > .7).all() and (of_bound < 1.02).all()
 
 
 @pytest.mark.parametrize('pip', [.65, .75])
