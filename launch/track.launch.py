@@ -152,7 +152,7 @@ ARGUMENTS = (
     ArgumentRow('respawn', 'auto',
                 'Start a tracker that dies anew; else all ends with it, the driving of a robot '
                 'too; auto: true where a robot is driven by a process of its own, which holds it '
-                'meanwhile', AUTO_TRUE_FALSE),
+                'meanwhile. All ends when the driver of a robot dies', AUTO_TRUE_FALSE),
     ArgumentRow('lifecycle', 'false',
                 'Run the tracker as a managed node, which activates itself; its states are those '
                 'of ros2 lifecycle', TRUE_FALSE),
@@ -267,7 +267,7 @@ def retargets(plan: LaunchPlan) -> list[Action]:
     """Return the drivers of robots; one that is not of the hand's side refuses by name."""
     driven = [(hand, robot) for hand, robot in zip(plan.hands, plan.robots) if robot['robot']]
     for hand, robot in driven:
-        # One that is not there ends the launch, not its driver alone amid the others.
+        # One that is not there ends the launch before anything is started.
         load_robot(robot['robot'], robot['robot_description'], preferred_side=hand.hand.side)
     if plan.has_robot:
         return []

@@ -403,6 +403,8 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
                                seen: np.ndarray, step: float) -> None:
     """Solve the remaining digits with several markers, starting from the closed form.
 
+    Hidden, a digit goes on from these angles: there is nothing to add to the solved ones then.
+
     Parameters
     ----------
     model, chains, state : packs
@@ -416,7 +418,6 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
     if model.rows.has_several[:5].any():
         refine_digits(chains, model.rows, state.rows, seen, state.estimate.angles, step)
         for joint in range(25):
-            # Hidden, it goes on from these angles, not from those by its principal marker.
             if model.rows.has_several[DIGIT_OF_JOINT[joint]]:
                 state.estimate.shift[joint] = 0.
 

@@ -86,7 +86,7 @@ class LaunchPlan:
     Parameters
     ----------
     given : mapping of str to str
-        Value of each argument.
+        Value of each argument, and `ros_namespace` where a launch file has pushed one.
     is_installed : callable
         Whether there is a package of this name.
 

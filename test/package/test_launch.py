@@ -880,6 +880,16 @@ def test_ends_with_robot_state_publisher(tmp_path, short):
 
 
 @launches
+def test_ends_with_the_driver_of_a_robot():
+    with Launch(robot='plain') as process:
+        process.wait_for_line('not engaged; listening for the right hand', FIRST_START)
+        driver = re.search(r'\[retarget-\d+\]: process started with pid \[(\d+)\]', process.output)
+        os.kill(int(driver[1]), signal.SIGKILL)
+        assert process.wait() == 1
+        assert 'the retarget ended with exit code -9' in process.output
+
+
+@launches
 @pytest.mark.parametrize('given, prefix', [('auto', 'right_'), ('none', ''), ('my_', 'my_')])
 def test_the_view_of_rviz_follows_the_hand(watch, short, tmp_path, given, prefix):
     transforms = watch.collect(TFMessage, '/tf')

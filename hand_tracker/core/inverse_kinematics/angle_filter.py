@@ -10,8 +10,8 @@ innovation: noise is averaged, and motion beyond the noise followed within a fra
 the overshoot of a filter of velocity. Without information by the marker the person's natural
 flexion decides (`Hand.natural_flexion`); where skin is known to move the marker, natural flexion
 and reach are weighed against each other first. The measurement bounds the estimate: its distance
-from the marker is at most the noise and the motion of the skin, and the first flexion aims at the
-marker. Ours; no source.
+from the marker is at most the noise and the motion of the skin, less beyond reach, and the first
+flexion aims at the marker. Ours; no source.
 """
 
 import math
@@ -51,15 +51,15 @@ NEUTRAL_ABDUCTION_VARIANCE = 4e-3
 FLEXION_BOUND = 1.15
 ABDUCTION_BOUND = .6
 LARGEST_MISS = 1e-3
-UNREACHABLE = 3e-3         # [m] beyond reach, where a marker says twice as surely: straight
+UNREACHABLE = 3e-3         # [m] that any angle misses the marker by, where the bound is half
 BOUND_STEPS = 4            # to the angle at the bound
 BOUND_SHARE = .95          # [1] of the bound that is near enough to it
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
 UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
 LONGEST_STEP = .05         # [s] at which the time step is capped
-FIRST_STEP = .01           # [s] that the natural flexion counts in a digit's first frame
+FIRST_STEP = .01           # [s] that natural flexion counts for in a digit's first frame
 SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
-UNKNOWN_VARIANCE = 1.      # [rad²] before the first frame
+UNKNOWN_VARIANCE = 1.      # [rad²] of a digit that was never seen
 REACQUISITION_VARIANCE = .05        # [rad²] where the evidence of a digit changed
 LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
 LIKELY_STEPS = 4           # of Gauss and Newton to the likeliest flexion
@@ -96,13 +96,16 @@ class DigitEvidence(NamedTuple):
     noise : float
         Standard deviation of the marker on an axis [m].
     step : float
-        Time since the last frame; 0 if the marker was hidden there [s].
+        Time since the last frame; 0 if the marker was hidden there, or the stamp is repeated [s].
+    pull : float
+        Time that natural flexion counts for [s].
     leap : float
         Additional variance of the angles after a change of the evidence [rad²].
     """
 
     noise: float
     step: float
+    pull: float
     leap: float
 
 
@@ -153,7 +156,8 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
         begins = not state.running[digit]
         state.running[digit] = observation.seen[digit]
         if not observation.seen[digit]:
-            state.variance[digit, :] = 0.
+            if not begins:
+                state.variance[digit, :] = 0.
         else:
             measured = components(frame(chains.base[digit]), subtract(
                 vector(observation.positions[digit]), vector(roots[digit])))
@@ -162,6 +166,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
                 marker = planar_marker(chains, digit, measured, solved)
             evidence = DigitEvidence(
                 observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
+                FIRST_STEP if begins else min(step, LONGEST_STEP),
                 # A leap is blended in later: it has to be in this frame.
                 REACQUISITION_VARIANCE if begins or changed[digit] else 0.)
             _estimate_abduction(chains, digit, marker, evidence, state)
@@ -305,8 +310,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     usual = natural.offset + natural.slope * aim
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
-        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness,
-        evidence.step if evidence.step > 0. else FIRST_STEP, variance)
+        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.pull, variance)
     angle += correction
     if not crossed:
         angle = max(angle, straight) if bent else min(angle, straight)

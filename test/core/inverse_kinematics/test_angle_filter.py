@@ -218,12 +218,15 @@ def test_a_digit_that_comes_back_starts_from_where_it_was_published():
     assert np.isfinite(filtered.state.variance).all()
 
 
-def test_a_digit_begins_where_it_goes_on():
+@pytest.mark.parametrize('hidden_frames', [0, 5])
+def test_a_digit_begins_where_it_goes_on(hidden_frames):
     angles = posture(.5, .45)
     filtered, random = Filtered('skin', HAND.relaxed()), np.random.default_rng(2)
     place = markers_of(angles, filtered.layout)
     # A millimetre farther than it is: the reach alone would begin with a straight finger.
     place[:4] += .001 * place[:4] / np.linalg.norm(place[:4], axis=1)[:, None]
+    for _ in range(hidden_frames):
+        filtered.frame(place, (False,) * 5)
     found = [filtered.frame(place + random.normal(scale=1e-4, size=(5, 3)), noise=1e-3)[1][SECOND]
              for _ in range(12)]
     assert np.degrees(np.abs(np.diff(found, axis=0))).max() < 5.
@@ -240,6 +243,17 @@ def test_an_exactly_straight_finger_bends_to_either_side():
         for _ in range(60):
             _, found = filtered.frame(markers_of(angles, filtered.layout), noise=5e-4)
         assert (found[SECOND[0]] - straight) / bend > .1
+
+
+def test_natural_flexion_does_not_count_where_no_time_passes():
+    hand = HAND.replace(natural_flexion=((0., 1.2, np.radians(10.)),) * 5)
+    filtered = Filtered(start=posture(.3, .1), hand=hand)
+    markers = markers_of(posture(.3, .1), filtered.layout)
+    for _ in range(20):
+        _, before = filtered.frame(markers)
+    assert (before[SECOND] > .105).all()
+    # Between two pulls it goes back to the marker.
+    assert (filtered.frame(markers, step=0.)[1][SECOND] < before[SECOND]).all()
 
 
 def test_no_time_passes_without_harm():
