@@ -35,7 +35,7 @@ SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
 # Sources that an argument says something to.
 SOURCES_OF_ARGUMENT = {
     'topic': tuple(system for system in SYSTEMS if system not in SERVED),
-    'message': ('mocap4r2', 'landmarks'), 'server': SERVED,
+    'message': tuple(system for system in SYSTEMS if system not in SERVED), 'server': SERVED,
     'subject': SYSTEMS, 'up': SYSTEMS, 'latency': ('qualisys',), 'recording': ('recording',)}
 NO_PREFIX = 'none'  # as `ros2 launch` takes no empty value
 TRACKER_NAME, SOURCE_NAME, RETARGET_NAME = 'hand_tracker', 'source', 'retarget'

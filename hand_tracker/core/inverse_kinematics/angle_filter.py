@@ -57,9 +57,9 @@ BOUND_SHARE = .95          # [1] of the bound that is near enough to it
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
 UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
 LONGEST_STEP = .05         # [s] at which the time step is capped
-FIRST_STEP = .01           # [s] that natural flexion counts for in a digit's first frame
+FIRST_STEP = .01           # [s] that natural flexion counts for as a digit begins beyond reach
+BEYOND_REACH = 1e-4        # [m] of a marker that tells nothing of the flexion
 SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
-UNKNOWN_VARIANCE = 1.      # [rad²] of a digit that was never seen
 REACQUISITION_VARIANCE = .05        # [rad²] where the evidence of a digit changed
 LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
 LIKELY_STEPS = 4           # of Gauss and Newton to the likeliest flexion
@@ -97,21 +97,21 @@ class DigitEvidence(NamedTuple):
         Standard deviation of the marker on an axis [m].
     step : float
         Time since the last frame; 0 if the marker was hidden there, or the stamp is repeated [s].
-    pull : float
-        Time that natural flexion counts for [s].
+    begins : bool
+        Whether the marker was hidden in the last frame.
     leap : float
         Additional variance of the angles after a change of the evidence [rad²].
     """
 
     noise: float
     step: float
-    pull: float
+    begins: bool
     leap: float
 
 
 def initial_angle_filter(angles: np.ndarray) -> AngleFilter:
     """Return the `AngleFilter` before the first frame, at angles of shape (25,) [rad]."""
-    return AngleFilter(angles.copy(), np.full((5, 2), UNKNOWN_VARIANCE), np.zeros(len(angles)),
+    return AngleFilter(angles.copy(), np.zeros((5, 2)), np.zeros(len(angles)),
                        np.zeros(5, dtype=bool))
 
 
@@ -155,10 +155,9 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
     for digit in range(5):
         begins = not state.running[digit]
         state.running[digit] = observation.seen[digit]
-        if not observation.seen[digit]:
-            if not begins:
-                state.variance[digit, :] = 0.
-        else:
+        if begins:
+            state.variance[digit, :] = 0.
+        if observation.seen[digit]:
             measured = components(frame(chains.base[digit]), subtract(
                 vector(observation.positions[digit]), vector(roots[digit])))
             marker = measured
@@ -166,7 +165,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
                 marker = planar_marker(chains, digit, measured, solved)
             evidence = DigitEvidence(
                 observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
-                FIRST_STEP if begins else min(step, LONGEST_STEP),
+                begins,
                 # A leap is blended in later: it has to be in this frame.
                 REACQUISITION_VARIANCE if begins or changed[digit] else 0.)
             _estimate_abduction(chains, digit, marker, evidence, state)
@@ -289,6 +288,8 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
 
     reach_found = chain_reach(linkage, found)
     reach_before = chain_reach(linkage, angle)
+    beyond_reach = math.hypot(target[0], target[1]) - reach_found
+    begins_blind = evidence.begins and beyond_reach > BEYOND_REACH
     crossed = (angle - straight) * (found - straight) < 0.
     if crossed:
         # Bent to the other side: the distance of the reaches says nothing of the way.
@@ -298,19 +299,19 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
         slope = ((reach_found - reach_before) / (found - angle)
                  if abs(found - angle) > SLOPE_STEP else _slope(linkage, angle))
         unreached = UNREACHED_NOISE * evidence.noise
-        innovation = reach_found - reach_before + clamp(
-            math.hypot(target[0], target[1]) - reach_found, -unreached, unreached)
+        innovation = reach_found - reach_before + clamp(beyond_reach, -unreached, unreached)
     correction, left = observe_angle(
         innovation, slope, FLEXION_NOISE_VARIANCE * evidence.noise * evidence.noise,
         1. - math.exp(-evidence.step / INNOVATION_TIME), variance + evidence.leap)
-    variance = min(variance, left) if evidence.leap > 0. else left
+    variance = min(variance, left) if evidence.leap > 0. and not begins_blind else left
     bent = angle + found >= 2. * straight    # where one is straight, the other decides
     angle += correction
     aim = max(_aim(linkage, target, angle)[0], natural.least)
     usual = natural.offset + natural.slope * aim
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
-        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.pull, variance)
+        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness,
+        FIRST_STEP if begins_blind else evidence.step, variance)
     angle += correction
     if not crossed:
         angle = max(angle, straight) if bent else min(angle, straight)

@@ -245,17 +245,6 @@ def test_an_exactly_straight_finger_bends_to_either_side():
         assert (found[SECOND[0]] - straight) / bend > .1
 
 
-def test_natural_flexion_does_not_count_where_no_time_passes():
-    hand = HAND.replace(natural_flexion=((0., 1.2, np.radians(10.)),) * 5)
-    filtered = Filtered(start=posture(.3, .1), hand=hand)
-    markers = markers_of(posture(.3, .1), filtered.layout)
-    for _ in range(20):
-        _, before = filtered.frame(markers)
-    assert (before[SECOND] > .105).all()
-    # Between two pulls it goes back to the marker.
-    assert (filtered.frame(markers, step=0.)[1][SECOND] < before[SECOND]).all()
-
-
 def test_no_time_passes_without_harm():
     filtered = Filtered()
     markers = markers_of(posture(.3, .5), filtered.layout)
