@@ -81,7 +81,7 @@ def test_a_source_is_told_its_upward_axis_and_its_latency():
                                         'MarkerArrays is markers:='),
     ('recording', 'topic', '/leds', 'is markers:='), ('natnet', 'topic', '/leds', 'landmarks only'),
     ('markers', 'server', '10.0.0.5', 'natnet, qualisys only'),
-    ('point_cloud', 'message', 'rigid_bodies', 'mocap4r2, landmarks only'),
+    ('natnet', 'message', 'rigid_bodies', 'point_cloud, mocap4r2, landmarks only'),
     ('recording', 'subject', 'RHand', 'landmarks only'),
     ('markers', 'recording', 'take.mcap', 'source:=recording only')])
 def test_an_argument_that_says_nothing_to_the_source_is_refused(source, name, value, expected):
