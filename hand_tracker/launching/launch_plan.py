@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..adapters.marker_messages import (
     DEFAULT_MESSAGE,
+    MESSAGES_OF,
     NAMED_POSE_MESSAGE,
     SERVED,
     DirectInput,
@@ -34,8 +35,7 @@ Value = TypeVar('Value')
 SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
 # Sources that an argument says something to.
 SOURCES_OF_ARGUMENT = {
-    'topic': tuple(system for system in SYSTEMS if system not in SERVED),
-    'message': tuple(system for system in SYSTEMS if system not in SERVED), 'server': SERVED,
+    'topic': tuple(MESSAGES_OF), 'message': tuple(MESSAGES_OF), 'server': SERVED,
     'subject': SYSTEMS, 'up': SYSTEMS, 'latency': ('qualisys',), 'recording': ('recording',)}
 NO_PREFIX = 'none'  # as `ros2 launch` takes no empty value
 TRACKER_NAME, SOURCE_NAME, RETARGET_NAME = 'hand_tracker', 'source', 'retarget'

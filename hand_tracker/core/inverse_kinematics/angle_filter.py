@@ -164,8 +164,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
             if not chains.is_planar[digit]:
                 marker = planar_marker(chains, digit, measured, solved)
             evidence = DigitEvidence(
-                observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
-                begins,
+                observation.noise[digit], 0. if begins else min(step, LONGEST_STEP), begins,
                 # A leap is blended in later: it has to be in this frame.
                 REACQUISITION_VARIANCE if begins or changed[digit] else 0.)
             _estimate_abduction(chains, digit, marker, evidence, state)
