@@ -57,6 +57,9 @@ class Tracks(NamedTuple):
         Whether seen since the start.
     hidden_for : ndarray, shape (n,)
         Time since last seen, or since the start [s].
+    strayed : ndarray, shape (n, 3)
+        Of a digit's marker measured while the palm is lost: its own motion since, by which it is
+        off `mean` [m].
     """
 
     mean: np.ndarray
@@ -66,6 +69,7 @@ class Tracks(NamedTuple):
     seen: np.ndarray
     known: np.ndarray
     hidden_for: np.ndarray
+    strayed: np.ndarray
 
 
 def initial_tracks(positions: np.ndarray) -> Tracks:
@@ -75,7 +79,8 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
     mean[:, :3] = positions
     return Tracks(
         mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
-        np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n))
+        np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n),
+        np.zeros((n, 3)))
 
 
 @jit

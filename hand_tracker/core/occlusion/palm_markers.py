@@ -2,9 +2,12 @@
 
 A hidden palm marker is completed rigidly from the seen ones, moves on by its own fading motion
 (inertia), and is corrected by a rigid fit that includes the fingers' markers, which stay near
-their places in the wrist's frame while the palm turns. Its place in the palm is that where it was
-last seen with the others: skin slides, which moves markers off the template by millimetres.
+their places in the wrist's frame while the palm turns. A finger that moves apart from the others
+weighs less. A palm marker's place in the palm is that where it was last seen with the others: skin
+slides, which moves markers off the template by millimetres.
 """
+
+import math
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from ..numerics.vectors import (
     Vector,
     add,
     components,
+    distance,
     frame,
     rotate,
     scale,
@@ -29,8 +33,10 @@ from .prediction import Observation, PredictionOptions
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
-PREDICTED_PALM_WEIGHTS = (.3, 1., 4.)  # with 0, 1 and 2 palm markers seen
+PREDICTED_PALM_WEIGHTS = (.15, 1., 4.)  # with 0, 1 and 2 palm markers seen
 RIGID_FIT_STEPS = 2      # linear least-squares steps
+FINGER_SCATTER = .015    # [m] from the fit, at which a finger's weight is half
+LOST_BEND_TIME = .08     # [s] in which that residual becomes the finger's own motion
 PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
@@ -47,7 +53,7 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
     step : float
         Since the last frame [s].
     tracks, digits : Tracks
-        Of the palm's markers, changed, and of the digits'.
+        Of the palm's markers and of the digits'; changed.
     wrist : Wrist
         Of the last frame.
     shape : ndarray, shape (3, 3)
@@ -93,7 +99,7 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
         hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
         if options.palm_from_fingers and (
                 count > 0 or hidden_for <= options.max_prediction_time):
-            _fit_to_fingers(markers, seen, tracks, digits, shape, count)
+            _fit_to_fingers(markers, seen, tracks, digits, shape, count, step)
     for i in range(3):
         tracks.seen[i] = seen[i]
     return TRACKED if count == 3 else CARRIED if count > 0 else LOST
@@ -110,8 +116,14 @@ def _extrapolated(tracks: Tracks, ahead: float) -> Corners:
 
 @jit
 def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
-                    shape: np.ndarray, count: int) -> None:
-    """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
+                    shape: np.ndarray, count: int, step: float) -> None:
+    """Move hidden palm markers to their places in a rigid fit that includes the fingers.
+
+    While no palm marker is seen, what the fit leaves of a finger's motion becomes its own: else
+    fingers that move in the palm would drag it along.
+    """
+    if tracks.seen[0] or tracks.seen[1] or tracks.seen[2]:
+        digits.strayed[:] = 0.
     axes, origin = rigid_palm(
         (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), shape)
     points = local_floats((8, 3))
@@ -124,12 +136,24 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
     for i in range(3, 8):
         # While the palm is lost no digit is tracked: each keeps its last place in the palm.
         if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
-            expected = add(origin, rotate(axes, vector(digits.mean[i - 3])))
+            place = add(vector(digits.mean[i - 3]), vector(digits.strayed[i - 3]))
+            expected = add(origin, rotate(axes, place))
             weights[i] = 1.
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
     for _ in range(RIGID_FIT_STEPS):
         step_rigidly(points, aims, weights)
+        for i in range(3, 8):
+            if weights[i] > 0.:
+                off = distance(vector(points[i]), vector(aims[i])) / FINGER_SCATTER
+                weights[i] = 1. / (1. + off * off)
+    axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
+    share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME) if count == 0 else 0.
+    for i in range(3, 8):
+        if weights[i] > 0.:
+            left = components(axes, subtract(vector(aims[i]), vector(points[i])))
+            for k in range(3):
+                digits.strayed[i - 3, k] += share * left[k]
     for i in range(3):
         if not seen[i]:
             store(tracks.mean, i, vector(points[i]))

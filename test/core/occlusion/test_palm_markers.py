@@ -102,6 +102,20 @@ def test_a_whole_palm_out_of_sight_is_found_from_the_fingers_while_predictions_h
     assert errors[0] < .9 * errors[1]
 
 
+def test_a_palm_out_of_sight_is_little_dragged_by_one_finger_after_the_other():
+    palm = Palm()
+    for _ in range(10):
+        palm.see(*swing(0))
+    stray = []
+    for frame in range(120):
+        digits = FINGER_POSITIONS.copy()
+        digits[frame // 60, 2] -= .02 * (1. - np.cos(2. * np.pi * frame / 60.))
+        _, found = palm.see(*swing(0), (0, 1, 2), digits)
+        stray.append(np.linalg.norm(found - TEMPLATE, axis=1))
+    assert np.max(stray) < .04 and np.mean(stray) < .013
+    assert np.max(stray[-1]) < .004
+
+
 def test_fingers_that_come_back_tell_nothing_yet():
     """What a finger did while hidden is no turn of the palm."""
     palm = Palm()
