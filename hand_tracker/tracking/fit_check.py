@@ -13,6 +13,7 @@ FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
 FIT_AFTER_AT_END = 2.  # [s]
 # A hand far off on average is tracked again once it is nearer than FITS_AGAIN for REFIT_AFTER.
 REFIT_AFTER, FITS_AGAIN = 2., .010     # [s, m]; ours
+RECENT_TIME = .5        # [s] time constant of what a hand far off on average is of late; ours
 FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 
 
@@ -28,12 +29,12 @@ class FitCheck:
     misfit : float
         Mean over the last `FIT_AFTER` of tracking [m].
     far_off_for : float
-        Time with frames far off the hand, less that with nearer ones, since one that fitted; at
-        most `OFF_HAND_AFTER` [s].
+        Time of tracking with frames far off the hand, less that with nearer ones, since one that
+        fitted; at most `OFF_HAND_AFTER` [s].
     is_off : bool
         Whether that has reached `OFF_HAND_AFTER`, until it is 0 again.
     is_misfit : bool
-        Whether frames are far off on average, though not each one.
+        Whether frames are far off on average, though not each one, and still were at the end.
     has_fitted : bool
         Whether any tracked frame was not far off the hand.
     """
@@ -51,7 +52,7 @@ class FitCheck:
         self._judged: float | None = None
         self._frames = 0
         self._last: float | None = None
-        self._seconds = self._total = 0.
+        self._seconds = self._total = self._recent = 0.
 
     def add(self, now: float, residual: float, is_tracked: bool, is_of_side: bool) -> None:
         """Add a frame.
@@ -73,22 +74,26 @@ class FitCheck:
             self._frames += 1
             self.mean += (residual - self.mean) / self._frames
             self.has_fitted |= residual <= OFF_HAND_DISTANCE
-        if is_seen or not is_tracked:
-            step = 0. if self._judged is None else now - self._judged
-            # Rounded, as sums of steps miss the limit by as little.
-            self.far_off_for = min(max(round(
-                self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
-            if not is_tracked or residual <= BAD_FIT_RESIDUAL:
-                self.far_off_for = 0.
-            if self.far_off_for in (0., OFF_HAND_AFTER):
-                self.is_off = self.far_off_for > 0.
-            self._was_far_off, self._judged = is_tracked and residual > OFF_HAND_DISTANCE, now
-        if not (is_tracked and is_of_side and is_seen) or self.is_off:
+        if not (is_tracked and is_seen):
+            # It says nothing, and its time does not count.
+            self._judged = None if self._judged is None else now
+            return
+        step = 0. if self._judged is None else now - self._judged
+        # Rounded, as sums of steps miss the limit by as little.
+        self.far_off_for = min(max(round(
+            self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
+        if residual <= BAD_FIT_RESIDUAL:
+            self.far_off_for = 0.
+        if self.far_off_for in (0., OFF_HAND_AFTER):
+            self.is_off = self.far_off_for > 0.
+        self._was_far_off, self._judged = residual > OFF_HAND_DISTANCE, now
+        if not is_of_side or self.is_off:
             return
         if self._last is not None:
             step = min(now - self._last, FIT_STEP)
             self._seconds += step
             self._total += step * residual
+            self._recent += (1. - math.exp(-step / RECENT_TIME)) * (residual - self._recent)
         self._last = now
 
     def judge(self) -> float | None:
@@ -102,7 +107,8 @@ class FitCheck:
             else:
                 self.misfit = miss
             return None
-        self.misfit, self.is_misfit = miss, miss > OFF_HAND_DISTANCE
+        self.misfit = miss
+        self.is_misfit = miss > OFF_HAND_DISTANCE and self._recent > FITS_AGAIN
         return miss
 
     def end(self) -> float | None:

@@ -316,7 +316,7 @@ class InputMonitor:
             found = 'unlabelled'
         elif self.bends_away_from is not None:
             return 'mirrored'
-        elif self.fit.is_off or self.fit.is_misfit and self._palm is PalmState.TRACKED:
+        elif self._palm is PalmState.TRACKED and (self.fit.is_off or self.fit.is_misfit):
             return 'off'
         else:
             found = self._palm

@@ -187,6 +187,23 @@ def test_a_hand_far_off_in_most_frames_is_left_out_until_it_fits(turns, is_left_
     assert not hand.watch.is_wrong
 
 
+def test_frames_without_a_palm_say_nothing_of_a_hand_far_off():
+    hand, lost = Input(), state_of(PalmState.LOST)
+    feed_by_turns(hand, 0., 2.2 * OFF_HAND_AFTER, FAR, lost)
+    assert hand.watch.is_wrong
+    feed_by_turns(hand, 2.2 * OFF_HAND_AFTER, 2. * OFF_HAND_AFTER, lost)
+    assert hand.watch.is_wrong and hand.watch.situation(5.) is PalmState.LOST
+    hand.watch.tracked(10., state_of())
+    assert not hand.watch.is_wrong
+
+
+def test_a_hand_that_fits_is_not_left_out_for_another_of_before():
+    hand = Input()
+    feed_by_turns(hand, 0., .6 * FIT_AFTER, *(FAR,) * 30, state_of())
+    said = feed_by_turns(hand, .6 * FIT_AFTER, .6 * FIT_AFTER, state_of())
+    assert not hand.watch.is_wrong and not any('left out' in line for line in said)
+
+
 def test_how_long_a_hand_was_far_off_does_not_count_for_the_next():
     hand = Input()
     feed_by_turns(hand, 0., .9 * OFF_HAND_AFTER, FAR)
