@@ -32,6 +32,7 @@ from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
+from ..retargeting.command_guard import GuardState
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import LoadedRobot, load_robot
@@ -422,8 +423,11 @@ class RetargetNode(SubscriptionHidingNode):
     def _reason(self) -> str:
         """Why the robot is in its state, and why its arm stays, for a person."""
         guard = self._teleoperation.guard
-        fault = self._wrist_fault if guard.is_engaged else (
-            self._hand_fault if guard.reason == self._faulty_reason else '')
+        if guard.state is GuardState.HOLDING:
+            fault = self._teleoperation.why_lost
+        else:
+            fault = self._wrist_fault if guard.is_engaged else (
+                self._hand_fault if guard.reason == self._faulty_reason else '')
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
     @property

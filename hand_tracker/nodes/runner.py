@@ -345,10 +345,12 @@ def _warn_of_unknown(nodes: Sequence[Node]) -> None:
     for node in nodes:
         unknown = [name for name, of_node in given.items()
                    if of_node is node and name not in known]
-        alike = {name: get_close_matches(name, known, 1) for name in unknown}
+        alike = {name: sorted(one for one in known if one.endswith(f'.{name}'))
+                 or get_close_matches(name, known, 1) for name in unknown}
         for name in filter(alike.get, unknown):
+            meant = "' or '".join(alike[name])
             node.get_logger().warning(f"there is no parameter '{name}': left out; "
-                                      f"did you mean '{alike[name][0]}'?")
+                                      f"did you mean '{meant}'?")
         # A file's section for every node may have many.
         if others := [f"'{name}'" for name in unknown if not alike[name]]:
             node.get_logger().warning(

@@ -288,7 +288,7 @@ class CommandGuard:
     def _go(self, state: GuardState, reason: str) -> None:
         self.memory.state[0], self._reason = NUMBER_OF[state], reason
         self._must_release = state in (GuardState.DISENGAGED, GuardState.RELAXING)
-        self.memory.reached[:] = 0
+        self.memory.reached[:], self.memory.return_time[0] = 0, -math.inf
 
     def command(self, now: float) -> np.ndarray | None:
         """Return the command to send now, None where nothing is to be sent.
@@ -361,6 +361,7 @@ class CommandGuard:
             return
         if not is_lost:
             self._go(GuardState.EASING, 'the hand is back')
+            memory.return_time[0] = memory.command_time[0]
         elif now - self._lost_time > self.options.disengage_after:
             if self.options.relax:
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')

@@ -20,6 +20,7 @@ from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
 GUARD_CAPACITY = 256    # joints at most
 REACHED = .1            # [rad] from the person's pose, where a joint has reached it
+MIN_EASING = .3         # [s] to a hand that came back: its first frames may be of the pose before
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
 # What is wrong with the robot's joint states; else the first joint that is not finite
 NO_FAULT, LACKS_JOINT, SAME_STAMP = -1, -2, -3
@@ -58,6 +59,8 @@ class GuardMemory(NamedTuple):
         Of the hand's last frame that was accepted, the same unless one has jumped since, of the
         last command, of the pose's being reached, of the deadman and of the robot's joint
         states [s].
+    return_time : ndarray, shape (1,)
+        Of the hand's coming back, while it is eased to; else infinitely long ago [s].
     gate : JumpGate
         Of what is wanted.
     robot_stamp : ndarray of int, shape (1,)
@@ -95,6 +98,7 @@ class GuardMemory(NamedTuple):
     reached_time: np.ndarray
     press_time: np.ndarray
     robot_time: np.ndarray
+    return_time: np.ndarray
     gate: JumpGate
     robot_stamp: np.ndarray
     robot_fault: np.ndarray
@@ -280,11 +284,12 @@ def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
         share = min((guard.command_time[0] - guard.reached_time[0]) / SPEEDING_UP, 1.)
     ease, most = guard.ease_speed, max(guard.ease_speed, guard.max_speed)
     move_command(guards, guard.wanted, guard.wanted_velocity, ease + share * (most - ease), step)
+    may_reach = guard.command_time[0] - guard.return_time[0] >= MIN_EASING
     is_reached = True
     for i in range(guard.joints):
         guard.wanted_velocity[i] = 0.
         away = abs(guard.command[i] - guard.wanted[i])
-        if away < REACHED * guard.per_radian[i]:
+        if may_reach and away < REACHED * guard.per_radian[i]:
             guard.reached[i] = 1
         is_reached = is_reached and guard.reached[i] > 0 and away <= guard.gate.most[i]
     if guard.state[0] == EASING and is_reached:

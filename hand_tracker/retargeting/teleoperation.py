@@ -137,6 +137,19 @@ class Teleoperation:
         self._robot_rows = JointRows([name if needed else '' for name, needed in zip(
             model.variables, self._needed)])
         self._lacking = ''
+        self._refused_time = -math.inf  # of angles that are none
+        self._lacks_unknown = False     # the last message of deviations
+
+    @property
+    def why_lost(self) -> str:
+        """Why a hand whose joint states come counts as lost, in words, or nothing."""
+        if self._lacks_unknown:
+            return 'joint_confidence has no effort, by which to judge it'
+        if not self._memory.is_confident[0]:
+            return 'too little is known of it (joint_confidence, min_confidence)'
+        if self._refused_time > self._memory.hand_time[0]:
+            return 'its angles are not finite, or beyond a full turn (degrees?)'
+        return ''
 
     @property
     def refused_jumps(self) -> int:
@@ -199,6 +212,7 @@ class Teleoperation:
         given = np.asarray(angles, dtype=float)[rows]
         if not are_joint_angles(given):
             self.guard.refuse_values()
+            self._refused_time = now
             return False
         if not self._memory.is_confident[0]:
             return False
@@ -232,8 +246,9 @@ class Teleoperation:
         rows, _ = self._deviation_rows.find(names)
         if rows.min() < 0 or len(deviations) != len(names):
             return
-        most = (np.array(unknown, dtype=float) if len(unknown) == len(names)
-                else np.full(len(names), np.nan))
+        self._lacks_unknown = len(unknown) != len(names)
+        most = (np.full(len(names), np.nan) if self._lacks_unknown
+                else np.array(unknown, dtype=float))
         observe_deviations(
             self._pack, self.guard.pack, np.array(deviations, dtype=float), most, rows)
 

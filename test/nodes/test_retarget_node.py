@@ -179,6 +179,13 @@ def test_a_limit_that_is_not_there_ends_the_start(name, meant, robot):
         assert process.wait() == 1, process.output
 
 
+def test_a_limit_given_without_its_section_is_named_with_it(robot):
+    with NodeProcess(MODULE, {'robot': robot, 'max_speed': 1.}) as process:
+        process.wait_for_line("there is no parameter 'max_speed': left out; did you mean "
+                              "'safety.max_speed' or 'wrist.max_speed'?")
+        assert process.interrupt() == 0, process.output
+
+
 def test_an_arm_may_share_the_topic_of_the_hand(robot):
     from rclpy.node import Node
     with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:

@@ -237,6 +237,19 @@ def test_a_process_that_was_stopped_takes_the_next_frame_as_of_a_hand_that_was_l
         assert after is None and all(command is None for command in rig.run(1., robot=robot))
 
 
+def test_a_hand_that_comes_back_where_it_was_and_goes_on_at_once_is_eased_to():
+    rig = Rig(max_jump=10.).following()
+    rig.run(.5, hand=None)
+    assert rig.guard.state is GuardState.HOLDING
+    far, commands = HAND + np.array((-.5, .6, -.7)), [rig.tick()]
+    for _ in range(100):
+        commands.append(rig.tick(hand=far))
+    assert np.abs(np.diff(commands[:20], axis=0)).max() <= rig.options.ease_speed * STEP + 1e-12
+    # Once it is there, the speed rises.
+    assert np.abs(rig.run(2., hand=far)[-1] - far).max() < .01
+    assert rig.guard.state is GuardState.FOLLOWING
+
+
 def test_a_hand_that_jumps_to_and_fro_is_not_followed():
     rig, random = Rig(max_jump=.3).following(), np.random.default_rng(1)
     commands, states = [HAND], []

@@ -315,6 +315,22 @@ def test_a_hand_of_which_little_is_known_is_lost(own_hand):
     assert not rig.it.guard.is_following
 
 
+def test_why_a_hand_whose_joint_states_come_is_lost_is_said(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.2).engaged()
+    known, unknown = [.02] * len(RIGHT), [.5] * len(RIGHT)
+    rig.it.observe_deviations(RIGHT, known, unknown)
+    rig.tick()
+    assert rig.it.why_lost == ''
+    rig.tick(np.degrees(pose_angles('fist', rig.hand)))
+    assert 'degrees?' in rig.it.why_lost
+    rig.tick()
+    assert rig.it.why_lost == ''
+    rig.it.observe_deviations(RIGHT, unknown, unknown)
+    assert 'too little is known' in rig.it.why_lost
+    rig.it.observe_deviations(RIGHT, known, [])
+    assert 'no effort' in rig.it.why_lost
+
+
 def test_a_hidden_hand_is_lost_whatever_limits_the_tracker_has(own_hand):
     narrow = np.radians(10.) * np.sign(wide_hand().limits)
     for limits in (narrow, Hand.scaled().limits, wide_hand().limits):
