@@ -410,6 +410,18 @@ def test_whatever_comes_the_hand_stays_finite_and_within_its_limits(layout, seed
         assert (state.angles >= lower).all() and (state.angles <= upper).all()
 
 
+@pytest.mark.parametrize('name', ['vicon_production5', 'optitrack_hand', 'kyutech23'])
+def test_markers_at_one_place_are_no_palm_and_then_one_is_found(name):
+    layout = preset_layout(name)
+    tracker = HandTracker(HAND, layout)
+    for place in (0., .3):
+        for frame in range(10):
+            state = tracker.update(np.full((len(layout.places), 3), place), frame / RATE)
+        assert state.palm is PalmState.COINCIDENT and not tracker.placed
+    state = tracker.update(markers_of(layout, motion(1))[0], 1.)
+    assert state.palm is PalmState.TRACKED
+
+
 @pytest.mark.parametrize('digit', DIGITS)
 def test_a_digit_with_one_marker_is_solved_in_closed_form_among_others_with_more(digit):
     places = [*PAPER_PLACES, *(f'{other}_{"mcp" if other == "thumb" else "pip"}'

@@ -57,6 +57,7 @@ LEAST_FREE = 4                        # markers of the palm that determine an ar
 # [m] Palm markers that are no farther from a line leave the turn about it open: so are those on the
 # skin of the knuckles, Kyutech's 6 to 7 mm off it; joint centres are 10 to 11. Ours.
 COLLINEAR_WIDTH = .009
+PALM_SCALES = .4, 2.5   # [1] of a distance of two palm markers on the hand; ours
 
 
 @jit
@@ -118,6 +119,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
                        seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
+    Markers that are no palm by their distances are left as measured, for the check to name it.
     Hidden principal markers count as seen, those nearest to the line of the measured ones first, up
     to the number of these; up to two where these are on it, so that the digits hold the palm. As
     one vanishes, the others keep their `skin_shift`.
@@ -153,7 +155,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     on_a_line = _are_on_a_line(rows, state)
     count = _solve_palm(
         rows, state, lower, upper, several and rows.is_cupping[0] > 0 and not on_a_line, fitted)
-    if count == 0:
+    if count == 0 or count >= 3 and _is_no_palm(rows, state):
         return
     if on_a_line:
         count = min(count, 2)
@@ -163,6 +165,22 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     axes, origin = frame(fitted.rotation), vector(fitted.position)
     for i in range(3):
         store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
+
+
+@jit
+def _is_no_palm(rows: MarkerRows, state: RowState) -> bool:
+    """Return whether no two measured palm markers are about as far apart as on the hand.
+
+    Whatever their labels, and though some of them are outliers.
+    """
+    for i in range(rows.used[0]):
+        for j in range(i):
+            if _is_shown(rows, state, i) and _is_shown(rows, state, j):
+                apart = distance(_flat_place(rows, i), _flat_place(rows, j))
+                found = distance(vector(state.points[i]), vector(state.points[j]))
+                if PALM_SCALES[0] * apart <= found <= PALM_SCALES[1] * apart:
+                    return False
+    return True
 
 
 @jit
