@@ -2,8 +2,8 @@
 
 Each marker is weighted by its deviation, and less the farther it is from the digit. A digit of
 which no marker is seen is solved by its predicted principal marker. What the markers leave open is
-decided by the coupling of the last joint, by the flexion natural for the person, and, while the
-principal marker is hidden, by the last frame. Ours.
+decided by the coupling of the last joint, by the flexion natural for the person, and by the last
+frame. Ours.
 """
 
 import math
@@ -46,8 +46,8 @@ OUTLIER = .015                # [m] distance at which a marker's weight falls to
 # abduction, which hardly moves. Ours.
 FINGER_SPREADS = (1., .35, 1., 1., 1.)
 THUMB_SPREADS = (.6, .6, .09, 1., 1.)
-# Random walk of a joint while the digit's principal marker is hidden [rad/√s].
-JOINT_RANDOM_WALK = 1.5
+# Random walk of a joint [rad/√s]: where markers tell next to nothing of the angles they would leap.
+JOINT_RANDOM_WALK = 2.
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
 NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
 
@@ -191,7 +191,7 @@ def _axes_of_link(workspace: DigitWorkspace, link: int) -> Frame:
 
 @jit
 def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                        solved: np.ndarray, step: float,
+                        solved: np.ndarray, walk: float,
                         workspace: DigitWorkspace) -> tuple[int, float]:
     """Solve a digit's angles by its fitted markers, in `state.angles`.
 
@@ -205,8 +205,8 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
     digit : int
     solved : ndarray, shape (25,)
         Angles by the principal marker, where the solution begins if they fit better [rad].
-    step : float
-        Since the last frame [s].
+    walk : float
+        Standard deviation of a joint from the last frame; 0 where that says nothing [rad].
     workspace : DigitWorkspace
         Overwritten.
 
@@ -225,7 +225,6 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
         return 0, 0.
     # The thumb's joints are all free; the palm's arch is solved already.
     first = 0 if digit == THUMB else 1
-    walk = 0. if state.is_measured[3 + digit] else JOINT_RANDOM_WALK * math.sqrt(max(step, 1e-4))
     angles, tried = workspace.angles, workspace.tried
     for j in range(CHAIN_JOINTS):
         angles[j] = clamp(state.angles[5 * digit + j], chains.lower[5 * digit + j],
@@ -418,6 +417,12 @@ def _lay_flat(rows: MarkerRows, state: RowState, row: int, local: Vector) -> Non
 
 
 @jit
+def _walk(step: float) -> float:
+    """Return the standard deviation of a joint after a step [s] from the last frame [rad]."""
+    return JOINT_RANDOM_WALK * math.sqrt(max(step, 1e-4))
+
+
+@jit
 def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wrist,
                             angles: np.ndarray, markers: np.ndarray, seen: np.ndarray,
                             step: float) -> None:
@@ -447,7 +452,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
         if seen[3 + digit]:
             continue
         workspace = local_digit_workspace()
-        if _solve_digit_angles(chains, rows, state, digit, angles, step, workspace)[0]:
+        if _solve_digit_angles(chains, rows, state, digit, angles, _walk(step), workspace)[0]:
             local = _principal_place(chains, rows, state, digit, workspace)
             if digit < 4:
                 local = flexed(local, vector(rows.cmc[digit]), state.arch[digit])
@@ -488,7 +493,8 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
         if not seen[principal]:
             _lay_flat(rows, state, principal, vector(places[digit]))
             state.is_fitted[principal] = True
-        _, cost = _solve_digit_angles(chains, rows, state, digit, state.angles, step, workspace)
+        _, cost = _solve_digit_angles(
+            chains, rows, state, digit, state.angles, _walk(step), workspace)
         state.is_solved[digit] = cost < FAR_OFF
         if state.is_solved[digit]:
             for joint in range(5 * digit, 5 * digit + 5):
@@ -520,7 +526,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
             is_solved = state.is_solved[digit] or not state.is_measured[3 + digit]
             if not is_solved:
                 fitted, cost = _solve_digit_angles(
-                    chains, rows, state, digit, angles, step, workspace)
+                    chains, rows, state, digit, angles, 0., workspace)
                 is_solved = fitted > 1 or cost < FAR_OFF
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
