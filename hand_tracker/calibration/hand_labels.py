@@ -30,6 +30,7 @@ NUMBERED_DIGITS = {'first': 'thumb', 'second': 'index', 'third': 'middle', 'four
 JOINED_LABEL = re.compile(
     r'([rl]?)(?:(thumb|index|middle|ring|little|pink(?:y|ie))_?(cmc|mcp|pip|dip|ip|tip)|(wrist))'
     r'([rl]?)', re.IGNORECASE)
+SIDE_IN_FRONT = re.compile(r'(right|left|r|l)[ _.-]+(.+)')
 ROKOKO_FINGER = re.compile(r'finger ([1-5]) ?([a-z]+)')    # the thumb is the first
 NUMBERED_LABEL = re.compile(r'|[A-Za-z]?\d+')
 # Joint at the beginning of a bone, of fingers and of the thumb.
@@ -144,6 +145,28 @@ def spellings(label: str) -> list[tuple[str, str]]:
     # In capitals the letter of a side may also belong to the name.
     if not side and own.isupper() and len(own) > 1 and own[0].lower() in LABEL_SIDES:
         found.append((LABEL_SIDES[own[0].lower()], '_'.join(_words(own[1:])[1])))
+    return found
+
+
+def literal_spellings(label: str) -> list[tuple[str, str]]:
+    """Return readings of a label word for word: the whole, and what is behind a side.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    list of tuple of str
+        Side, empty for the whole, and the rest in small letters: 'Right_r1' is ('', 'right_r1') and
+        ('right', 'r1'); so is 'right:r1', but with ('', 'r1').
+    """
+    subject, _, own = label.lower().rpartition(':')
+    found = [('', own.strip())]
+    if side := _words(subject)[0]:
+        found.append((side, own.strip()))
+    if match := SIDE_IN_FRONT.fullmatch(own.strip()):
+        found.append((LABEL_SIDES[match[1]], match[2]))
     return found
 
 

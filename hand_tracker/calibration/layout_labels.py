@@ -10,7 +10,7 @@ import numpy as np
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MarkerLayout
 from .hand_axes import labelled_hands
-from .hand_labels import spellings
+from .hand_labels import literal_spellings, spellings
 from .layout_names import NEAR_LANDMARK
 
 NOT_THERE = -1
@@ -24,10 +24,14 @@ class PointNames(NamedTuple):
     own, landmarks : mapping of str to mapping of str to int
         By side, empty for labels that say none: names as of `spellings`, and landmarks as of
         `labelled_hands`.
+    literal : mapping of str to mapping of str to int
+        By the side in front, set off by a separator: the rest of the label in small letters; by an
+        empty side: the whole.
     """
 
     own: Mapping[str, Mapping[str, int]]
     landmarks: Mapping[str, Mapping[str, int]]
+    literal: Mapping[str, Mapping[str, int]]
 
 
 class LabelledLayout(NamedTuple):
@@ -64,12 +68,15 @@ def point_names(labels: Sequence[str], is_landmarks: bool = False) -> PointNames
     -------
     PointNames
     """
-    own: dict[str, dict[str, int]] = {'': {}, **{side: {} for side in SIDES}}
+    own: dict[str, dict[str, int]] = {side: {} for side in ('', *SIDES)}
+    literal: dict[str, dict[str, int]] = {side: {} for side in ('', *SIDES)}
     for column, label in enumerate(labels):
         for side, name in spellings(label) if label else ():
             own[side].setdefault(name, column)
+        for side, name in literal_spellings(label) if label else ():
+            literal[side].setdefault(name, column)
     return PointNames(
-        own, {hand.side: hand.columns for hand in labelled_hands(labels, is_landmarks)})
+        own, {hand.side: hand.columns for hand in labelled_hands(labels, is_landmarks)}, literal)
 
 
 def labelled_layout(names: PointNames, layout: MarkerLayout,
@@ -99,10 +106,15 @@ def labelled_layout(names: PointNames, layout: MarkerLayout,
     return max(found, key=lambda match: len(match.found))
 
 
-def _columns(layout: MarkerLayout, own: Mapping[str, int],
-             landmarks: Mapping[str, int]) -> tuple[int, ...]:
+def _columns(layout: MarkerLayout, own: Mapping[str, int], landmarks: Mapping[str, int],
+             literal: Mapping[str, int]) -> tuple[int, ...]:
     """Return the column of each marker by the names of a hand's points, -1 for none."""
-    columns = [own.get(spellings(name)[0][1], NOT_THERE) for name in layout.names]
+    sides = [spellings(name)[0][0] for name in layout.names]
+    # A letter in front of some names only, as r1 and l1 beside i1, is no side.
+    of_letters = len(set(sides)) > 1
+    columns = [literal.get(name.lower(), NOT_THERE) if side and of_letters
+               else own.get(spellings(name)[0][1], NOT_THERE)
+               for side, name in zip(sides, layout.names)]
     for place in dict.fromkeys(layout.places):
         rows = [row for row, other in enumerate(layout.places) if other == place]
         numbered = [landmarks.get(f'{place}_{number}', NOT_THERE)

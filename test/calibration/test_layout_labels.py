@@ -76,6 +76,18 @@ def test_sides_in_front_of_names_are_read(name, spelling):
     assert chosen.side == 'left' and not chosen.missing
 
 
+@pytest.mark.parametrize('side, spelling', [
+    ('right', '{}'), ('left', '{}'), ('right', 'right_{}'), ('left', 'L_{}'), ('left', 'left:{}')])
+def test_a_letter_in_front_of_some_names_of_a_layout_is_no_side(side, spelling):
+    layout = MarkerLayout(
+        ('wrist', 'index_mcp', 'little_mcp', 'index_dip', 'ring_dip', 'ring_pip', 'little_dip',
+         'little_pip'), np.zeros((8, 3)), names=('w', 'i0', 'l0', 'i1', 'r1', 'r2', 'l1', 'l2'))
+    labels = [spelling.format(name) for name in layout.names]
+    for given in (labels, labels[::-1]):
+        found = labelled_layout(point_names(given), layout, side)
+        assert [given[column] for column in found.columns] == labels
+
+
 def test_landmarks_and_numbers_of_several_at_one_name_markers():
     layout = preset_layout('kyutech23')
     labels = [place for place in layout.places if place != 'wrist']

@@ -410,6 +410,17 @@ def test_whatever_comes_the_hand_stays_finite_and_within_its_limits(layout, seed
         assert (state.angles >= lower).all() and (state.angles <= upper).all()
 
 
+@pytest.mark.parametrize('shift', [1, 2, 8])
+@pytest.mark.parametrize('name', ['sig18_19', 'kyutech23'])
+def test_a_hand_is_tracked_again_after_a_spell_of_wrong_labels(name, shift):
+    layout = preset_layout(name)
+    frames = markers_of(layout, motion(420))
+    frames[120:220] = np.roll(frames[120:220], shift, axis=1)
+    states = tracked(HandTracker(HAND, layout), frames)
+    assert states[-1].palm is PalmState.TRACKED
+    assert np.mean(states[-1].residuals) < 2. * np.mean(states[119].residuals) + 1e-3
+
+
 @pytest.mark.parametrize('name', ['vicon_production5', 'optitrack_hand', 'kyutech23'])
 def test_markers_at_one_place_are_no_palm_and_then_one_is_found(name):
     layout = preset_layout(name)

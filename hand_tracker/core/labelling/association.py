@@ -197,7 +197,7 @@ def _begins_anew(state: AssociationState, template: np.ndarray, patience: float)
     for i in range(3):
         slipped = slipped or state.refused_for[i] >= patience
     # A palm refused for long is accepted only if it has the shape of one.
-    slipped = slipped and not _is_in_another_order(gaps, state.sides) and (
+    slipped = slipped and not _is_in_another_order(gaps, state.sides, template) and (
         _has_learned_shape(gaps, state.sides) or _has_template_shape(gaps, template))
     return patience > 0.0 and (slipped or state.doubted_for[0] >= patience)
 
@@ -273,20 +273,32 @@ def _has_template_shape(gaps: np.ndarray, template: np.ndarray) -> bool:
 
 
 @jit
-def _is_in_another_order(gaps: np.ndarray, sides: np.ndarray) -> bool:
-    """Return whether the palm's labels exchanged would fit the learned sides better."""
+def _is_in_another_order(gaps: np.ndarray, sides: np.ndarray, template: np.ndarray) -> bool:
+    """Return whether the palm's labels exchanged would fit the learned sides better.
+
+    Unless by the template they would fit worse: then the sides were learned by wrong labels.
+    """
     least = math.inf
-    given = math.inf
+    first, second = 0, 1
     for a in range(3):
         for b in range(3):
             if a != b:
-                c = 3 - a - b
-                off = (abs(gaps[a, b] - sides[0]) + abs(gaps[b, c] - sides[1])
-                       + abs(gaps[c, a] - sides[2]))
-                least = min(least, off)
-                if a == 0 and b == 1:
-                    given = off
-    return least < given - PALM_ORDER_MARGIN
+                off = _off_sides(gaps, sides, a, b)
+                if off < least:
+                    least, first, second = off, a, b
+    usual = local_floats(3)
+    for i in range(3):
+        usual[i] = distance(vector(template[i]), vector(template[(i + 1) % 3]))
+    return (least < _off_sides(gaps, sides, 0, 1) - PALM_ORDER_MARGIN
+            and _off_sides(gaps, usual, first, second)
+            <= _off_sides(gaps, usual, 0, 1) + PALM_ORDER_MARGIN)
+
+
+@jit
+def _off_sides(gaps: np.ndarray, sides: np.ndarray, a: int, b: int) -> float:
+    """Return by how much a palm whose markers r and p are `a` and `b` is off its sides [m]."""
+    c = 3 - a - b
+    return abs(gaps[a, b] - sides[0]) + abs(gaps[b, c] - sides[1]) + abs(gaps[c, a] - sides[2])
 
 
 @jit
