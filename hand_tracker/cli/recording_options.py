@@ -353,12 +353,15 @@ def _hand_file(options: argparse.Namespace, side: str | None) -> str | None:
 
 
 def hand_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[str]:
-    """Return the notes to print on hands: mirror images of their files', or of unknown range."""
-    from ..files.hand_file import mirrored_note, unknown_range_note
+    """Return the notes to print on hands: how they differ from their files, and unknown range."""
+    from ..files.hand_file import mirrored_note, replaced_markers_note, unknown_range_note
 
     # Without a side it is the file's own.
     files = [(_hand_file(options, one.hand.side), one.hand.side) for one in hands if options.side]
     notes = [mirrored_note(path, side) for path, side in files if path]
+    if options.layout:
+        notes += [replaced_markers_note(path, options.layout) for path in (
+            options.hand, vars(options).get('left_hand')) if path]
     notes += [unknown_range_note(options.limits, one.hand) for one in hands]
     return [note for note in dict.fromkeys(notes) if note is not None]
 

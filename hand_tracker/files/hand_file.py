@@ -43,15 +43,15 @@ from ..core.model.hand import (
     preset_coupling,
     preset_limits,
 )
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.model.marker_rows import shows_arch
 from ..output_files import write_whole_text
 from .layout_file import choose_layout, layout_of_tree, tree_of_layout
 from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
-__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note', 'save_hand',
-           'unknown_range_note']
+__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note',
+           'replaced_markers_note', 'save_hand', 'unknown_range_note', 'worn_layout']
 
 
 LENGTH = Quantity('mm', 0, *(1000. * v for v in HAND_LENGTH_RANGE))
@@ -170,7 +170,8 @@ def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None
     coupling : str, optional
         One of `COUPLING_PRESETS`.
     layout : str, optional
-        Name of a layout preset, or a layout file, in place of the hand file's markers.
+        Name of a layout preset, or a layout file, in place of the hand file's markers; where these
+        have the same names of their own, the hand file's places are kept, as calibrated.
     **size
         `length` and `breadth` of the mean hand [m].
 
@@ -192,9 +193,45 @@ def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None
         overrides['limits'] = preset_limits(limits, hand.range_of_motion)
     if coupling:
         overrides['coupling'] = preset_coupling(coupling)
-    markers = choose_layout(layout) if layout else markers
+    markers = worn_layout(layout, markers) if layout else markers
     hand = hand.replace(**overrides)
     return hand.with_open_palm() if shows_arch(markers) else hand, markers
+
+
+def worn_layout(layout: str, own: MarkerLayout) -> MarkerLayout:
+    """Return the markers of a layout, with the places that a hand file knows of them.
+
+    Parameters
+    ----------
+    layout : str
+        As of `choose_hand`.
+    own : MarkerLayout
+        Of the hand file.
+    """
+    asked = choose_layout(layout)
+    return own.in_order(asked.names) if _has_markers_of(own, asked) else asked
+
+
+def _has_markers_of(own: MarkerLayout, asked: MarkerLayout) -> bool:
+    """Return whether a hand file's markers are those of a layout with names of its own."""
+    return asked.names != MARKERS and set(asked.names) == set(own.names)
+
+
+def replaced_markers_note(path: str | PathLike[str], layout: str) -> str | None:
+    """Return a note where a layout takes the place of a hand file's own markers, else None.
+
+    Parameters
+    ----------
+    path : path-like
+        Hand file.
+    layout : str
+        As of `choose_hand`.
+    """
+    own = load_hand(path)[1]
+    is_replaced = own.names != MARKERS or own.offsets.any()
+    return (f'the markers of the layout {layout} take the place of those of the hand file {path}, '
+            'which it was fitted with' if is_replaced and not _has_markers_of(
+                own, choose_layout(layout)) else None)
 
 
 def mirrored_note(path: str | PathLike[str], side: str) -> str | None:

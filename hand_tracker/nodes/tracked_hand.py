@@ -19,7 +19,7 @@ from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
-from ..files.hand_file import mirrored_note, unknown_range_note
+from ..files.hand_file import mirrored_note, replaced_markers_note, unknown_range_note
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
@@ -99,10 +99,13 @@ class TrackedHand:
                  point_labels: PointLabels | None = None) -> None:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
-        # Else it is the file's own side.
-        self._hand_notes = unknown_range_note(start['limits.preset'], self.hand), mirrored_note(
-            Path(start['hand_file']).expanduser(), self.hand.side) if start['hand_file'] and (
-                start['side'] != AUTO) else None
+        notes = [unknown_range_note(start['limits.preset'], self.hand)]
+        if start['hand_file']:
+            path = Path(start['hand_file']).expanduser()
+            # Else it is the file's own side.
+            notes.append(mirrored_note(path, self.hand.side) if start['side'] != AUTO else None)
+            notes.append(replaced_markers_note(path, start['layout']) if start['layout'] else None)
+        self._hand_notes = notes
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
         self._marker_names = layout.names
         self._rows = self._table(self.hand)

@@ -36,8 +36,7 @@ from ..core.model.hand import (
 from ..core.model.marker_layout import MARKERS, MarkerLayout, require_solvable
 from ..core.model.marker_rows import shows_arch
 from ..core.options import TrackerOptions
-from ..files.hand_file import InvalidHandFile, choose_hand
-from ..files.layout_file import choose_layout
+from ..files.hand_file import InvalidHandFile, choose_hand, worn_layout
 from ..messages.labels import LABEL_SOURCES, LabelMap, default_labels, label_maps
 from .parameters import Parameter, option_parameters, options_of
 
@@ -252,7 +251,7 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     except InvalidHandFile as error:
         raise InvalidParameter(f'hand_file: {error}') from None
     if values['layout']:
-        layout = choose_layout(values['layout'])
+        layout = worn_layout(values['layout'], layout)
         hand = hand.with_open_palm() if shows_arch(layout) else hand
     if values['thumb'] == 'index_mcp':
         hand = hand.with_paper_thumb()

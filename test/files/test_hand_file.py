@@ -17,6 +17,7 @@ from hand_tracker.core.model.hand import (
     preset_coupling,
     preset_limits,
 )
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
     BREADTH,
@@ -32,8 +33,10 @@ from hand_tracker.files.hand_file import (
     InvalidHandFile,
     choose_hand,
     load_hand,
+    replaced_markers_note,
     save_hand,
 )
+from hand_tracker.files.layout_file import choose_layout
 
 EXAMPLE = Path(__file__).parents[2] / 'config' / 'hand.yaml'
 
@@ -359,3 +362,18 @@ def test_chosen_hand_is_that_of_the_file_with_what_is_asked_for_in_its_place(wri
              'coupling': preset_coupling('natural')}
     for (name, value), preset in zip(asked.items(), ('right', 'paper', 'natural')):
         assert_same(choose_hand(path, **{name: preset})[0], hand.replace(**{name: value}))
+
+
+def test_a_layout_of_the_same_markers_keeps_the_places_of_the_hand_file(tmp_path):
+    path, preset = tmp_path / 'mine.yaml', preset_layout('kyutech23')
+    fitted = preset.with_offsets(preset.offsets + .002)
+    save_hand(path, Hand.scaled(), fitted.in_order(fitted.names[::-1]))
+    _, layout = choose_hand(path, layout='kyutech23')
+    assert layout.names == preset.names and layout.places == preset.places
+    np.testing.assert_allclose(layout.offsets, fitted.offsets, atol=1e-9)
+    assert replaced_markers_note(path, 'kyutech23') is None
+    # Of others, and of the paper's eight, which may be worn elsewhere, the layout's are taken.
+    for name in ('dfki13', 'paper8_skin'):
+        _, layout = choose_hand(path, layout=name)
+        np.testing.assert_array_equal(layout.offsets, choose_layout(name).offsets)
+        assert f'layout {name} take the place' in replaced_markers_note(path, name)

@@ -156,6 +156,13 @@ class MarkerLayout:
         """Return the same markers at other offsets, shape (n, 3) [m]."""
         return replace(self, offsets=np.array(offsets, dtype=float))
 
+    def in_order(self, names: Sequence[str]) -> MarkerLayout:
+        """Return the layout of these markers of it, in their order."""
+        rows = [self.names.index(name) for name in names]
+        return replace(self, places=[self.places[row] for row in rows], names=names,
+                       offsets=self.offsets[rows], deviations=self.deviations[rows],
+                       skin_shares=self.skin_shares[rows])
+
     def mounting(self, hand: Hand) -> Mounting:
         """Return the mounting of the markers on `hand`, of its own side.
 
