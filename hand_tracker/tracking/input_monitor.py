@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.labelling.validity import COORDINATE_LIMIT
 from ..core.model.hand import BOTH
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
@@ -36,6 +37,7 @@ STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
 SLOW_LABELLING = 'most frames are left out until the kernels that label points are compiled'
 
+FAR_AWAY = 'its markers are more than a kilometre away'
 PALM_FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
     PalmState.COINCIDENT: 'palm markers coincide',
@@ -367,8 +369,7 @@ class InputMonitor:
             palm = self._palm_slots()
             hidden = palm[np.isnan(self._frame.positions[palm, 0])]
             if not hidden.size:
-                return ('waiting for the palm: its markers are more than a kilometre away; '
-                        f'{self._what_to_check()}')
+                return f'waiting for the palm: {FAR_AWAY}; {self._what_to_check()}'
             if self._has_no_labels and np.isnan(self._frame.positions).all():
                 return f'waiting for the palm: no hand is found yet; {self._others()}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
@@ -378,6 +379,10 @@ class InputMonitor:
         return self._palm_fault(situation) + (kept if self._started is not None else '')
 
     def _palm_fault(self, palm: PalmState) -> str:
+        if palm is PalmState.LOST and self._frame is not None and (
+                np.abs(self._frame.positions[self._palm_slots()]) > COORDINATE_LIMIT
+                ).any(axis=1).all():
+            return f'the palm is lost: {FAR_AWAY}; {self._what_to_check()}'
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)
         return PALM_FAULTS[palm] + (f': {self._what_to_check()}' if is_of_size else '')
 

@@ -102,6 +102,15 @@ def test_a_carried_palm_is_tracked():
     assert hand.said(.2) == []
 
 
+def test_a_palm_that_is_lost_by_its_unit_says_so():
+    hand = Input()
+    hand.feed(0.)
+    assert hand.said(0.) == ['tracking']
+    hand.feed(.1, RESTING + np.array((0., 0., 2e3)))
+    line, = hand.said(.1)
+    assert 'the palm is lost: its markers are more than a kilometre away; check unit_scale' in line
+
+
 def test_a_flickering_palm_is_said_a_bounded_number_of_times():
     hand = Input()
     lines = []
