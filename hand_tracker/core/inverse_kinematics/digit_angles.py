@@ -445,6 +445,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
         Since the last frame [s].
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
+    walk = _walk(step)
     for digit in range(5):
         if not rows.has_several[digit]:
             continue
@@ -452,7 +453,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
         if seen[3 + digit]:
             continue
         workspace = local_digit_workspace()
-        if _solve_digit_angles(chains, rows, state, digit, angles, _walk(step), workspace)[0]:
+        if _solve_digit_angles(chains, rows, state, digit, angles, walk, workspace)[0]:
             local = _principal_place(chains, rows, state, digit, workspace)
             if digit < 4:
                 local = flexed(local, vector(rows.cmc[digit]), state.arch[digit])
@@ -484,7 +485,7 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
     step : float
         Since the last frame [s].
     """
-    workspace = local_digit_workspace()
+    workspace, walk = local_digit_workspace(), _walk(step)
     for digit in range(5):
         principal = 3 + digit
         if not rows.has_several[digit] or seen[principal] and (
@@ -493,8 +494,7 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
         if not seen[principal]:
             _lay_flat(rows, state, principal, vector(places[digit]))
             state.is_fitted[principal] = True
-        _, cost = _solve_digit_angles(
-            chains, rows, state, digit, state.angles, _walk(step), workspace)
+        _, cost = _solve_digit_angles(chains, rows, state, digit, state.angles, walk, workspace)
         state.is_solved[digit] = cost < FAR_OFF
         if state.is_solved[digit]:
             for joint in range(5 * digit, 5 * digit + 5):

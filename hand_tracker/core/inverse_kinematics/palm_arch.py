@@ -145,7 +145,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
         Since the last frame [s].
     """
     several = rows.has_several[5] > 0
-    if not (several or rows.is_cupping[0]):
+    if not (several or rows.is_cupping[0]) or _is_no_palm(rows, state):
         return
     if rows.is_cupping[0] and not several:
         synergy(rows.synergy, angles, lower, upper, state.arch)
@@ -155,7 +155,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     on_a_line = _are_on_a_line(rows, state)
     count = _solve_palm(
         rows, state, lower, upper, several and rows.is_cupping[0] > 0 and not on_a_line, fitted)
-    if count == 0 or count >= 3 and _is_no_palm(rows, state):
+    if count == 0:
         return
     if on_a_line:
         count = min(count, 2)
@@ -169,18 +169,20 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
 
 @jit
 def _is_no_palm(rows: MarkerRows, state: RowState) -> bool:
-    """Return whether no two measured palm markers are about as far apart as on the hand.
+    """Return whether no two of three measured palm markers are about as far apart as on the hand.
 
     Whatever their labels, and though some of them are outliers.
     """
+    shown = 0
     for i in range(rows.used[0]):
+        shown += 1 if _is_shown(rows, state, i) else 0
         for j in range(i):
             if _is_shown(rows, state, i) and _is_shown(rows, state, j):
                 apart = distance(_flat_place(rows, i), _flat_place(rows, j))
                 found = distance(vector(state.points[i]), vector(state.points[j]))
                 if PALM_SCALES[0] * apart <= found <= PALM_SCALES[1] * apart:
                     return False
-    return True
+    return shown >= 3
 
 
 @jit

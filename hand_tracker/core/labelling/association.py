@@ -266,10 +266,15 @@ def _has_template_shape(gaps: np.ndarray, template: np.ndarray) -> bool:
     """Return whether the sides of the palm as labelled are close to the template's."""
     close = True
     for i in range(3):
-        j = (i + 1) % 3
-        side = distance(vector(template[i]), vector(template[j]))
-        close = close and abs(gaps[i, j] - side) <= MAX_SIDE_CHANGE * side
+        side = _template_side(template, i)
+        close = close and abs(gaps[i, (i + 1) % 3] - side) <= MAX_SIDE_CHANGE * side
     return close
+
+
+@jit
+def _template_side(template: np.ndarray, i: int) -> float:
+    """Return the distance of a palm marker from the next on the hand [m]."""
+    return distance(vector(template[i]), vector(template[(i + 1) % 3]))
 
 
 @jit
@@ -288,7 +293,7 @@ def _is_in_another_order(gaps: np.ndarray, sides: np.ndarray, template: np.ndarr
                     least, first, second = off, a, b
     usual = local_floats(3)
     for i in range(3):
-        usual[i] = distance(vector(template[i]), vector(template[(i + 1) % 3]))
+        usual[i] = _template_side(template, i)
     return (least < _off_sides(gaps, sides, 0, 1) - PALM_ORDER_MARGIN
             and _off_sides(gaps, usual, first, second)
             <= _off_sides(gaps, usual, 0, 1) + PALM_ORDER_MARGIN)

@@ -141,19 +141,20 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
             weights[i] = 1.
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
-    for _ in range(RIGID_FIT_STEPS):
-        step_rigidly(points, aims, weights)
-        for i in range(3, 8):
+    for number in range(RIGID_FIT_STEPS):
+        for i in range(3, 8 if number > 0 else 3):
             if weights[i] > 0.:
                 off = distance(vector(points[i]), vector(aims[i])) / FINGER_SCATTER
                 weights[i] = 1. / (1. + off * off)
-    axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
-    share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME) if count == 0 else 0.
-    for i in range(3, 8):
-        if weights[i] > 0.:
-            left = components(axes, subtract(vector(aims[i]), vector(points[i])))
-            for k in range(3):
-                digits.strayed[i - 3, k] += share * left[k]
+        step_rigidly(points, aims, weights)
+    if count == 0:
+        axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
+        share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME)
+        for i in range(3, 8):
+            if weights[i] > 0.:
+                left = components(axes, subtract(vector(aims[i]), vector(points[i])))
+                for k in range(3):
+                    digits.strayed[i - 3, k] += share * left[k]
     for i in range(3):
         if not seen[i]:
             store(tracks.mean, i, vector(points[i]))
