@@ -95,8 +95,7 @@ def ids_of_both_hands(layout: MarkerLayout) -> HandIds:
     def find(name: str) -> tuple[str, int] | None:
         readings = spellings(name)
         readings += [(label.side, label.name) for label in hand_labels((name,)) if label]
-        subject = name.rpartition(':')[0].rpartition(':')[2]
-        whose = LABEL_SIDES.get(HAND_WORDS.sub('', subject.lower()), '')
+        whose = _side_of_subject(name.rpartition(':')[0].lower())
         return next(((side or whose, known[own]) for side, own in readings
                      if (side or whose) and own in known), None)
 
@@ -158,16 +157,20 @@ def literal_spellings(label: str) -> list[tuple[str, str]]:
     Returns
     -------
     list of tuple of str
-        Side, empty for the whole, and the rest in small letters: 'Right_r1' is ('', 'right_r1') and
-        ('right', 'r1'); so is 'right:r1', but with ('', 'r1').
+        Side, empty where none is read, and the rest in small letters: 'Right_r1' is
+        ('', 'right_r1') and ('right', 'r1'), 'RHand:r1' is ('right', 'r1').
     """
     subject, _, own = label.lower().rpartition(':')
-    found = [('', own.strip())]
-    if side := _words(subject)[0]:
-        found.append((side, own.strip()))
-    if match := SIDE_IN_FRONT.fullmatch(own.strip()):
+    own = own.strip()
+    found = [(_side_of_subject(subject), own)]
+    if match := SIDE_IN_FRONT.fullmatch(own):
         found.append((LABEL_SIDES[match[1]], match[2]))
     return found
+
+
+def _side_of_subject(subject: str) -> str:
+    """Return the side that a subject in small letters names, as 'rhand' or 'anna:left' does."""
+    return LABEL_SIDES.get(HAND_WORDS.sub('', subject.rpartition(':')[2]).strip(), '')
 
 
 def _split(label: str) -> tuple[str, list[str]]:

@@ -93,7 +93,8 @@ def labelled_layout(names: PointNames, layout: MarkerLayout,
     Returns
     -------
     LabelledLayout
-        A marker is found by its own name, in any spelling and with a side in front; else, if it is
+        A marker is found by its own name, in any spelling and with a side in front, but word for
+        word where only some names begin with the letter of a side; else, if it is
         the one at a landmark, by that landmark's; else several at a landmark by its numbered
         names, as wrist_1 and wrist_2.
     """
@@ -111,8 +112,8 @@ def _columns(layout: MarkerLayout, own: Mapping[str, int], landmarks: Mapping[st
     """Return the column of each marker by the names of a hand's points, -1 for none."""
     sides = [spellings(name)[0][0] for name in layout.names]
     # A letter in front of some names only, as r1 and l1 beside i1, is no side.
-    of_letters = len(set(sides)) > 1
-    columns = [literal.get(name.lower(), NOT_THERE) if side and of_letters
+    letters_are_no_side = len(set(sides)) > 1
+    columns = [literal.get(name.lower(), NOT_THERE) if side and letters_are_no_side
                else own.get(spellings(name)[0][1], NOT_THERE)
                for side, name in zip(sides, layout.names)]
     for place in dict.fromkeys(layout.places):

@@ -43,7 +43,7 @@ from ..core.model.hand import (
     preset_coupling,
     preset_limits,
 )
-from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.model.marker_layout import MARKERS, PALM_LANDMARKS, MarkerLayout
 from ..core.model.marker_rows import shows_arch
 from ..output_files import write_whole_text
 from .layout_file import choose_layout, layout_of_tree, tree_of_layout
@@ -213,8 +213,16 @@ def worn_layout(layout: str, own: MarkerLayout) -> MarkerLayout:
 
 
 def _has_markers_of(own: MarkerLayout, asked: MarkerLayout) -> bool:
-    """Return whether a hand file's markers are those of a layout with names of its own."""
-    return asked.names != MARKERS and set(asked.names) == set(own.names)
+    """Return whether a hand file knows the places of the markers of a layout.
+
+    By their names, each on the same digit or on the palm: calibration may move them along it. The
+    paper's eight have the same names everywhere: of them it does where they are off the joints.
+    """
+    def digits(layout: MarkerLayout) -> dict[str, str]:
+        return {name: '' if place in PALM_LANDMARKS else place.partition('_')[0]
+                for name, place in zip(layout.names, layout.places)}
+
+    return digits(own) == digits(asked) and (asked.names != MARKERS or bool(own.offsets.any()))
 
 
 def replaced_markers_note(path: str | PathLike[str], layout: str) -> str | None:
@@ -228,7 +236,8 @@ def replaced_markers_note(path: str | PathLike[str], layout: str) -> str | None:
         As of `choose_hand`.
     """
     own = load_hand(path)[1]
-    is_replaced = own.names != MARKERS or own.offsets.any()
+    usual = MarkerLayout()
+    is_replaced = (own.names, own.places) != (usual.names, usual.places) or own.offsets.any()
     return (f'the markers of the layout {layout} take the place of those of the hand file {path}, '
             'which it was fitted with' if is_replaced and not _has_markers_of(
                 own, choose_layout(layout)) else None)

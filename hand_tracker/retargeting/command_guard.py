@@ -361,7 +361,7 @@ class CommandGuard:
             return
         if not is_lost:
             self._go(GuardState.EASING, 'the hand is back')
-            memory.return_time[0] = memory.command_time[0]
+            memory.return_time[0] = now
         elif now - self._lost_time > self.options.disengage_after:
             if self.options.relax:
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')

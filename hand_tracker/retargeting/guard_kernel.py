@@ -60,7 +60,7 @@ class GuardMemory(NamedTuple):
         last command, of the pose's being reached, of the deadman and of the robot's joint
         states [s].
     return_time : ndarray, shape (1,)
-        Of the hand's coming back, while it is eased to; else infinitely long ago [s].
+        Of the hand's coming back, where the robot held before easing; else infinitely long ago [s].
     gate : JumpGate
         Of what is wanted.
     robot_stamp : ndarray of int, shape (1,)

@@ -34,7 +34,7 @@ class FitCheck:
     is_off : bool
         Whether that has reached `OFF_HAND_AFTER`, until it is 0 again.
     is_misfit : bool
-        Whether frames are far off on average, though not each one, and still were at the end.
+        Whether frames are far off on average, though not each one, and of late, too.
     has_fitted : bool
         Whether any tracked frame was not far off the hand.
     """
@@ -70,14 +70,13 @@ class FitCheck:
         """
         is_seen = not math.isnan(residual)
         self.residual = residual if is_seen else 0.
-        if is_tracked and is_seen:
-            self._frames += 1
-            self.mean += (residual - self.mean) / self._frames
-            self.has_fitted |= residual <= OFF_HAND_DISTANCE
         if not (is_tracked and is_seen):
             # It says nothing, and its time does not count.
-            self._judged = None if self._judged is None else now
+            self._judged = now
             return
+        self._frames += 1
+        self.mean += (residual - self.mean) / self._frames
+        self.has_fitted |= residual <= OFF_HAND_DISTANCE
         step = 0. if self._judged is None else now - self._judged
         # Rounded, as sums of steps miss the limit by as little.
         self.far_off_for = min(max(round(
@@ -107,8 +106,10 @@ class FitCheck:
             else:
                 self.misfit = miss
             return None
-        self.misfit = miss
-        self.is_misfit = miss > OFF_HAND_DISTANCE and self._recent > FITS_AGAIN
+        if miss > OFF_HAND_DISTANCE and self._recent <= FITS_AGAIN:
+            self.forget()   # that was another hand, or wrong labels, and is over
+            return None
+        self.misfit, self.is_misfit = miss, miss > OFF_HAND_DISTANCE
         return miss
 
     def end(self) -> float | None:

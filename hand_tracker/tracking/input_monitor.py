@@ -375,13 +375,13 @@ class InputMonitor:
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
-        kept = f'; since {now - self._since:.1f} s, the last pose is kept'
+        kept = f'; since {now - self._since:.1f} s, ' + (
+            'and before it did not fit: left out' if self.is_wrong else 'the last pose is kept')
         return self._palm_fault(situation) + (kept if self._started is not None else '')
 
     def _palm_fault(self, palm: PalmState) -> str:
         if palm is PalmState.LOST and self._frame is not None and (
-                np.abs(self._frame.positions[self._palm_slots()]) > COORDINATE_LIMIT
-                ).any(axis=1).all():
+                np.abs(self._frame.positions[self._palm_slots()]) > COORDINATE_LIMIT).any():
             return f'the palm is lost: {FAR_AWAY}; {self._what_to_check()}'
         is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)
         return PALM_FAULTS[palm] + (f': {self._what_to_check()}' if is_of_size else '')

@@ -77,13 +77,16 @@ def test_sides_in_front_of_names_are_read(name, spelling):
 
 
 @pytest.mark.parametrize('side, spelling', [
-    ('right', '{}'), ('left', '{}'), ('right', 'right_{}'), ('left', 'L_{}'), ('left', 'left:{}')])
+    ('right', '{}'), ('left', '{}'), ('right', 'right_{}'), ('left', 'L_{}'), ('left', 'left:{}'),
+    ('right', 'RHand:{}'), ('left', 'Anna:LHand:{}')])
 def test_a_letter_in_front_of_some_names_of_a_layout_is_no_side(side, spelling):
     layout = MarkerLayout(
         ('wrist', 'index_mcp', 'little_mcp', 'index_dip', 'ring_dip', 'ring_pip', 'little_dip',
          'little_pip'), np.zeros((8, 3)), names=('w', 'i0', 'l0', 'i1', 'r1', 'r2', 'l1', 'l2'))
     labels = [spelling.format(name) for name in layout.names]
-    for given in (labels, labels[::-1]):
+    other = {'right': 'left_{}', 'left': 'RHand:{}'}[side]
+    both = [*map(other.format, layout.names), *labels]
+    for given in (labels, labels[::-1], both):
         found = labelled_layout(point_names(given), layout, side)
         assert [given[column] for column in found.columns] == labels
 

@@ -36,7 +36,7 @@ from hand_tracker.files.hand_file import (
     replaced_markers_note,
     save_hand,
 )
-from hand_tracker.files.layout_file import choose_layout
+from hand_tracker.files.layout_file import choose_layout, save_layout
 
 EXAMPLE = Path(__file__).parents[2] / 'config' / 'hand.yaml'
 
@@ -372,8 +372,30 @@ def test_a_layout_of_the_same_markers_keeps_the_places_of_the_hand_file(tmp_path
     assert layout.names == preset.names and layout.places == preset.places
     np.testing.assert_allclose(layout.offsets, fitted.offsets, atol=1e-9)
     assert replaced_markers_note(path, 'kyutech23') is None
-    # Of others, and of the paper's eight, which may be worn elsewhere, the layout's are taken.
+    # Of others the layout's are taken.
     for name in ('dfki13', 'paper8_skin'):
         _, layout = choose_hand(path, layout=name)
         np.testing.assert_array_equal(layout.offsets, choose_layout(name).offsets)
         assert f'layout {name} take the place' in replaced_markers_note(path, name)
+
+
+def test_a_layout_of_the_same_names_elsewhere_takes_the_place_of_the_hand_files(tmp_path):
+    path, other = tmp_path / 'mine.yaml', tmp_path / 'other.yaml'
+    names = ('w', 'i', 'l', 'm1', 'm2')
+    one, two = (MarkerLayout(('wrist', 'index_mcp', 'little_mcp', *places), np.full((5, 3), .005),
+                             names=names) for places in (('index_tip', 'thumb_tip'),
+                                                         ('ring_tip', 'thumb_ip')))
+    save_hand(path, Hand.scaled(), one)
+    save_layout(other, two)
+    assert choose_hand(path, layout=str(other))[1].places == two.places
+    assert 'take the place' in replaced_markers_note(path, str(other))
+
+
+def test_calibrated_places_of_the_papers_eight_are_kept_beside_a_usual_layout(tmp_path):
+    path, fitted = tmp_path / 'mine.yaml', MarkerLayout(offsets=np.full((8, 3), .006))
+    save_hand(path, Hand.scaled(), fitted)
+    np.testing.assert_allclose(choose_hand(path, layout='paper8_skin')[1].offsets, fitted.offsets)
+    save_hand(path, Hand.scaled(), MarkerLayout())
+    usual = choose_layout('paper8_skin').offsets
+    np.testing.assert_array_equal(choose_hand(path, layout='paper8_skin')[1].offsets, usual)
+    assert replaced_markers_note(path, 'paper8_skin') is None
