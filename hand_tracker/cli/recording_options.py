@@ -356,12 +356,10 @@ def hand_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[s
     """Return the notes to print on hands: how they differ from their files, and unknown range."""
     from ..files.hand_file import mirrored_note, replaced_markers_note, unknown_range_note
 
+    files = [(path, one.hand.side) for one in hands if (path := _hand_file(options, one.hand.side))]
     # Without a side it is the file's own.
-    files = [(_hand_file(options, one.hand.side), one.hand.side) for one in hands if options.side]
-    notes = [mirrored_note(path, side) for path, side in files if path]
-    if options.layout:
-        notes += [replaced_markers_note(path, options.layout) for path in (
-            options.hand, vars(options).get('left_hand')) if path]
+    notes = [mirrored_note(*one) for one in files if options.side]
+    notes += [replaced_markers_note(path, options.layout) for path, _ in files if options.layout]
     notes += [unknown_range_note(options.limits, one.hand) for one in hands]
     return [note for note in dict.fromkeys(notes) if note is not None]
 

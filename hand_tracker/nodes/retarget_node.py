@@ -32,7 +32,7 @@ from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
-from ..retargeting.command_guard import GuardState
+from ..retargeting.command_guard import NO_HAND, WAS_LOST, GuardState
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import LoadedRobot, load_robot
@@ -372,6 +372,8 @@ class RetargetNode(SubscriptionHidingNode):
             self._hand_fault, self._faulty_reason = (
                 f'{UNPUBLISHED} {topic}', guard.reason)
             reason = f'{reason}; {self._hand_fault}'
+        elif reason == NO_HAND and (why := self._teleoperation.why_lost(now)):
+            reason = f'{reason}; {why}'
         if self._wrist is not None and not reason:
             self._wrist.engage(now)
         return reason
@@ -423,11 +425,11 @@ class RetargetNode(SubscriptionHidingNode):
     def _reason(self) -> str:
         """Why the robot is in its state, and why its arm stays, for a person."""
         guard = self._teleoperation.guard
-        if guard.state is GuardState.HOLDING:
-            fault = self._teleoperation.why_lost
-        else:
-            fault = self._wrist_fault if guard.is_engaged else (
-                self._hand_fault if guard.reason == self._faulty_reason else '')
+        fault = self._wrist_fault if guard.is_engaged else (
+            self._hand_fault if guard.reason == self._faulty_reason else '')
+        if not fault and (guard.reason in (NO_HAND, WAS_LOST) or guard.state in (
+                GuardState.HOLDING, GuardState.RELAXING)):
+            fault = self._teleoperation.why_lost(time.monotonic())
         return f'{guard.reason}; {fault}' if fault else guard.reason
 
     @property

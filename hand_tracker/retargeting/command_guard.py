@@ -44,6 +44,8 @@ from .guard_kernel import (
 )
 from .guard_options import GuardOptions
 
+# Reasons of `CommandGuard` that a frame of the hand ends
+NO_HAND, WAS_LOST = 'there is no hand to follow', 'the hand was lost: engage again'
 AT_REST = 1e-3         # [rad] from the rest position
 
 
@@ -235,7 +237,7 @@ class CommandGuard:
         if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
             return 'the deadman is not pressed (hold_to_engage)'
         if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
-            return 'there is no hand to follow'
+            return NO_HAND
         if self.state is GuardState.RELAXING or not self.options.require_robot_state:
             return ''
         if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
@@ -366,4 +368,4 @@ class CommandGuard:
             if self.options.relax:
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')
             else:
-                self.disengage('the hand was lost: engage again')
+                self.disengage(WAS_LOST)

@@ -140,13 +140,19 @@ class Teleoperation:
         self._refused_time = -math.inf  # of angles that are none
         self._lacks_unknown = False     # the last message of deviations
 
-    @property
-    def why_lost(self) -> str:
-        """Why a hand whose joint states come counts as lost, in words, or nothing."""
-        if self._lacks_unknown:
-            return 'joint_confidence has no effort, by which to judge it'
+    def why_lost(self, now: float) -> str:
+        """Return why a hand counts as lost though its joint states come, in words, or nothing.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        if not now - self._named_time <= self.guard.options.hand_timeout:
+            return ''
         if not self._memory.is_confident[0]:
-            return 'too little is known of it (joint_confidence, min_confidence)'
+            return ('joint_confidence has no effort, by which to judge it' if self._lacks_unknown
+                    else 'too little is known of it (joint_confidence, min_confidence)')
         if self._refused_time > self._memory.hand_time[0]:
             return 'its angles are not finite, or beyond a full turn (degrees?)'
         return ''

@@ -233,6 +233,9 @@ def test_a_process_that_was_stopped_takes_the_next_frame_as_of_a_hand_that_was_l
     assert rig.guard.state is state
     if state is GuardState.EASING:
         assert np.abs(after - before).max() <= rig.options.ease_speed * rig.options.max_dt + 1e-12
+        for _ in range(25):
+            rig.tick(hand=after, robot=robot)
+            assert rig.guard.state is GuardState.EASING
     else:
         assert after is None and all(command is None for command in rig.run(1., robot=robot))
 

@@ -320,15 +320,17 @@ def test_why_a_hand_whose_joint_states_come_is_lost_is_said(own_hand):
     known, unknown = [.02] * len(RIGHT), [.5] * len(RIGHT)
     rig.it.observe_deviations(RIGHT, known, unknown)
     rig.tick()
-    assert rig.it.why_lost == ''
+    assert rig.it.why_lost(rig.now) == ''
     rig.tick(np.degrees(pose_angles('fist', rig.hand)))
-    assert 'degrees?' in rig.it.why_lost
+    assert 'degrees?' in rig.it.why_lost(rig.now)
     rig.tick()
-    assert rig.it.why_lost == ''
+    assert rig.it.why_lost(rig.now) == ''
     rig.it.observe_deviations(RIGHT, unknown, unknown)
-    assert 'too little is known' in rig.it.why_lost
+    assert 'too little is known' in rig.it.why_lost(rig.now)
     rig.it.observe_deviations(RIGHT, known, [])
-    assert 'no effort' in rig.it.why_lost
+    assert 'no effort' in rig.it.why_lost(rig.now)
+    # Of a hand that is silent that is no reason.
+    assert rig.it.why_lost(rig.now + 1.) == ''
 
 
 def test_a_hidden_hand_is_lost_whatever_limits_the_tracker_has(own_hand):
