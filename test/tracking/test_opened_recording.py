@@ -34,7 +34,12 @@ from hand_tracker.files.point_recording import (
     conversion_note,
     even_rows,
 )
-from hand_tracker.files.recordings import VICON_CSV, read_recording, write_recording
+from hand_tracker.files.recordings import (
+    VICON_CSV,
+    ReadingOptions,
+    read_recording,
+    write_recording,
+)
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.package_data import packaged_recording
@@ -976,3 +981,13 @@ def test_a_calibration_says_which_of_two_hands_it_fits(tmp_path):
     for side in SIDES:
         chosen = recorded_take(path, side)
         assert chosen.side == side and note not in chosen.notes
+
+
+@pytest.mark.parametrize('rate, given, is_doubted', [
+    (120., None, False), (2400., None, True), (2400., 2400., False)])
+def test_a_rate_at_which_markers_are_too_fast_for_a_hand_is_doubted(
+        tmp_path, rate, given, is_doubted):
+    path = tmp_path / 'take.trc'
+    write_recording(path, hand_recording(600)._replace(rate=rate))
+    notes = PointBag(path, MarkerChoice(ReadingOptions(frame_rate=given))).notes
+    assert any(f'is {rate:g} Hz its rate' in note for note in notes) == is_doubted
