@@ -95,7 +95,7 @@ def ids_of_both_hands(layout: MarkerLayout) -> HandIds:
     def find(name: str) -> tuple[str, int] | None:
         readings = spellings(name)
         readings += [(label.side, label.name) for label in hand_labels((name,)) if label]
-        whose = _side_of_subject(name.rpartition(':')[0].lower())
+        whose = _side_of_subject(name)
         return next(((side or whose, known[own]) for side, own in readings
                      if (side or whose) and own in known), None)
 
@@ -160,17 +160,17 @@ def literal_spellings(label: str) -> list[tuple[str, str]]:
         Side, empty where none is read, and the rest in small letters: 'Right_r1' is
         ('', 'right_r1') and ('right', 'r1'), 'RHand:r1' is ('right', 'r1').
     """
-    subject, _, own = label.lower().rpartition(':')
-    own = own.strip()
-    found = [(_side_of_subject(subject), own)]
+    own = label.rpartition(':')[2].strip().lower()
+    found = [(_side_of_subject(label), own)]
     if match := SIDE_IN_FRONT.fullmatch(own):
         found.append((LABEL_SIDES[match[1]], match[2]))
     return found
 
 
-def _side_of_subject(subject: str) -> str:
-    """Return the side that a subject in small letters names, as 'rhand' or 'anna:left' does."""
-    return LABEL_SIDES.get(HAND_WORDS.sub('', subject.rpartition(':')[2]).strip(), '')
+def _side_of_subject(label: str) -> str:
+    """Return the side that a label's subject names, as 'RHand:tip' or 'Anna:left:tip'; or empty."""
+    subject = label.rpartition(':')[0].rpartition(':')[2]
+    return LABEL_SIDES.get(HAND_WORDS.sub('', subject.lower()), '')
 
 
 def _split(label: str) -> tuple[str, list[str]]:

@@ -71,10 +71,9 @@ def point_names(labels: Sequence[str], is_landmarks: bool = False) -> PointNames
     own: dict[str, dict[str, int]] = {side: {} for side in ('', *SIDES)}
     literal: dict[str, dict[str, int]] = {side: {} for side in ('', *SIDES)}
     for column, label in enumerate(labels):
-        for side, name in spellings(label) if label else ():
-            own[side].setdefault(name, column)
-        for side, name in literal_spellings(label) if label else ():
-            literal[side].setdefault(name, column)
+        for names, readings in ((own, spellings), (literal, literal_spellings)):
+            for side, name in readings(label) if label else ():
+                names[side].setdefault(name, column)
     return PointNames(
         own, {hand.side: hand.columns for hand in labelled_hands(labels, is_landmarks)}, literal)
 
@@ -110,12 +109,12 @@ def labelled_layout(names: PointNames, layout: MarkerLayout,
 def _columns(layout: MarkerLayout, own: Mapping[str, int], landmarks: Mapping[str, int],
              literal: Mapping[str, int]) -> tuple[int, ...]:
     """Return the column of each marker by the names of a hand's points, -1 for none."""
-    sides = [spellings(name)[0][0] for name in layout.names]
+    readings = [spellings(name)[0] for name in layout.names]
     # A letter in front of some names only, as r1 and l1 beside i1, is no side.
-    letters_are_no_side = len(set(sides)) > 1
+    letters_are_no_side = len({side for side, _ in readings}) > 1
     columns = [literal.get(name.lower(), NOT_THERE) if side and letters_are_no_side
-               else own.get(spellings(name)[0][1], NOT_THERE)
-               for side, name in zip(sides, layout.names)]
+               else own.get(rest, NOT_THERE)
+               for name, (side, rest) in zip(layout.names, readings)]
     for place in dict.fromkeys(layout.places):
         rows = [row for row, other in enumerate(layout.places) if other == place]
         numbered = [landmarks.get(f'{place}_{number}', NOT_THERE)

@@ -354,14 +354,13 @@ def _hand_file(options: argparse.Namespace, side: str | None) -> str | None:
 
 def hand_notes(options: argparse.Namespace, hands: Sequence[WornHand]) -> list[str]:
     """Return the notes to print on hands: how they differ from their files, and unknown range."""
-    from ..files.hand_file import mirrored_note, replaced_markers_note, unknown_range_note
+    from ..files.hand_file import file_notes, unknown_range_note
 
-    files = [(path, one.hand.side) for one in hands if (path := _hand_file(options, one.hand.side))]
     # Without a side it is the file's own.
-    notes = [mirrored_note(*one) for one in files if options.side]
-    notes += [replaced_markers_note(path, options.layout) for path, _ in files if options.layout]
-    notes += [unknown_range_note(options.limits, one.hand) for one in hands]
-    return [note for note in dict.fromkeys(notes) if note is not None]
+    notes = [note for one in hands if (path := _hand_file(options, one.hand.side))
+             for note in file_notes(path, options.side and one.hand.side, options.layout)]
+    notes += filter(None, (unknown_range_note(options.limits, one.hand) for one in hands))
+    return list(dict.fromkeys(notes))
 
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:

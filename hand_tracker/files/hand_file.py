@@ -50,8 +50,8 @@ from .layout_file import choose_layout, layout_of_tree, tree_of_layout
 from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
-__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'mirrored_note',
-           'replaced_markers_note', 'save_hand', 'unknown_range_note', 'worn_layout']
+__all__ = ['InvalidHandFile', 'choose_hand', 'file_notes', 'load_hand', 'save_hand',
+           'unknown_range_note', 'worn_layout']
 
 
 LENGTH = Quantity('mm', 0, *(1000. * v for v in HAND_LENGTH_RANGE))
@@ -225,37 +225,29 @@ def _has_markers_of(own: MarkerLayout, asked: MarkerLayout) -> bool:
     return digits(own) == digits(asked) and (asked.names != MARKERS or bool(own.offsets.any()))
 
 
-def replaced_markers_note(path: str | PathLike[str], layout: str) -> str | None:
-    """Return a note where a layout takes the place of a hand file's own markers, else None.
+def file_notes(path: str | PathLike[str], side: str | None = None,
+               layout: str | None = None) -> list[str]:
+    """Return notes on how a tracked hand differs from that of its file.
 
     Parameters
     ----------
     path : path-like
         Hand file.
-    layout : str
+    side : {'right', 'left'}, optional
+        Of the hand that it stands for; the file's own when left out.
+    layout : str, optional
         As of `choose_hand`.
     """
-    own = load_hand(path)[1]
-    usual = MarkerLayout()
-    is_replaced = (own.names, own.places) != (usual.names, usual.places) or own.offsets.any()
-    return (f'the markers of the layout {layout} take the place of those of the hand file {path}, '
-            'which it was fitted with' if is_replaced and not _has_markers_of(
-                own, choose_layout(layout)) else None)
-
-
-def mirrored_note(path: str | PathLike[str], side: str) -> str | None:
-    """Return a note where a hand file is not of the side of a hand, else None.
-
-    Parameters
-    ----------
-    path : path-like
-        Hand file.
-    side : {'right', 'left'}
-        Of the hand that it stands for.
-    """
-    own = load_hand(path)[0].side
-    return None if own == side else (
-        f'the hand file {path} is of a {own} hand: its mirror image is taken for the {side} one')
+    hand, own = load_hand(path)
+    usual, notes = MarkerLayout(), []
+    if side and hand.side != side:
+        notes.append(f'the hand file {path} is of a {hand.side} hand: its mirror image is taken '
+                     f'for the {side} one')
+    is_usual = (own.names, own.places) == (usual.names, usual.places) and not own.offsets.any()
+    if layout and not is_usual and not _has_markers_of(own, choose_layout(layout)):
+        notes.append(f'the markers of the layout {layout} take the place of those of the hand '
+                     f'file {path}, which it was fitted with')
+    return notes
 
 
 def unknown_range_note(limits: str | None, hand: Hand) -> str | None:

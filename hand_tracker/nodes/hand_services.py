@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from ..core.errors import HandTrackerError
 from ..core.model.hand import WEARER_LIMITS
 from ..core.model.marker_layout import MarkerLayout
-from ..files.hand_file import mirrored_note, replaced_markers_note
+from ..files.hand_file import file_notes
 from ..tracking.live_calibration import LiveCalibration
 from .tracker_parameters import AUTO, InvalidParameter, another_hand, require_no_size
 
@@ -96,9 +96,8 @@ class HandServices:
         self._layout = layout
         self._hand.replace_hand(hand, layout)
         said = f'the {hand.side} hand of {path} is tracked from the next frame on'
-        own, asked = Path(path).expanduser(), self._start['layout']
-        notes = mirrored_note(own, hand.side), asked and replaced_markers_note(own, asked)
-        said = '; '.join((said, *filter(None, notes)))
+        said = '; '.join((said, *file_notes(
+            Path(path).expanduser(), hand.side, self._start['layout'])))
         self._node.get_logger().info(said)
         return said
 

@@ -19,7 +19,7 @@ from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
-from ..files.hand_file import mirrored_note, replaced_markers_note, unknown_range_note
+from ..files.hand_file import file_notes, unknown_range_note
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
@@ -99,13 +99,13 @@ class TrackedHand:
                  point_labels: PointLabels | None = None) -> None:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
-        notes = [unknown_range_note(start['limits.preset'], self.hand)]
+        note = unknown_range_note(start['limits.preset'], self.hand)
+        self._hand_notes = [note] if note else []
         if start['hand_file']:
-            path = Path(start['hand_file']).expanduser()
-            # Else it is the file's own side.
-            notes.append(mirrored_note(path, self.hand.side) if start['side'] != AUTO else None)
-            notes.append(replaced_markers_note(path, start['layout']) if start['layout'] else None)
-        self._hand_notes = notes
+            # Without a side it is the file's own.
+            self._hand_notes += file_notes(
+                Path(start['hand_file']).expanduser(),
+                self.hand.side if start['side'] != AUTO else None, start['layout'])
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
         self._marker_names = layout.names
         self._rows = self._table(self.hand)
@@ -151,7 +151,7 @@ class TrackedHand:
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
         self._monitor.check_side(self.hand, self._tracker.layout)
-        for note in filter(None, self._hand_notes):
+        for note in self._hand_notes:
             self._monitor.warn_once(('hand', note), note)
         if self.labels_points:
             self._warn_of_usual_shape()

@@ -32,8 +32,8 @@ from hand_tracker.files.hand_file import (
     THUMB_FIELDS,
     InvalidHandFile,
     choose_hand,
+    file_notes,
     load_hand,
-    replaced_markers_note,
     save_hand,
 )
 from hand_tracker.files.layout_file import choose_layout, save_layout
@@ -371,12 +371,13 @@ def test_a_layout_of_the_same_markers_keeps_the_places_of_the_hand_file(tmp_path
     _, layout = choose_hand(path, layout='kyutech23')
     assert layout.names == preset.names and layout.places == preset.places
     np.testing.assert_allclose(layout.offsets, fitted.offsets, atol=1e-9)
-    assert replaced_markers_note(path, 'kyutech23') is None
+    assert file_notes(path, layout='kyutech23') == []
     # Of others the layout's are taken.
     for name in ('dfki13', 'paper8_skin'):
         _, layout = choose_hand(path, layout=name)
         np.testing.assert_array_equal(layout.offsets, choose_layout(name).offsets)
-        assert f'layout {name} take the place' in replaced_markers_note(path, name)
+        note, = file_notes(path, layout=name)
+        assert f'layout {name} take the place' in note
 
 
 def test_a_layout_of_the_same_names_elsewhere_takes_the_place_of_the_hand_files(tmp_path):
@@ -388,7 +389,8 @@ def test_a_layout_of_the_same_names_elsewhere_takes_the_place_of_the_hand_files(
     save_hand(path, Hand.scaled(), one)
     save_layout(other, two)
     assert choose_hand(path, layout=str(other))[1].places == two.places
-    assert 'take the place' in replaced_markers_note(path, str(other))
+    note, = file_notes(path, layout=str(other))
+    assert 'take the place' in note
 
 
 def test_calibrated_places_of_the_papers_eight_are_kept_beside_a_usual_layout(tmp_path):
@@ -398,4 +400,4 @@ def test_calibrated_places_of_the_papers_eight_are_kept_beside_a_usual_layout(tm
     save_hand(path, Hand.scaled(), MarkerLayout())
     usual = choose_layout('paper8_skin').offsets
     np.testing.assert_array_equal(choose_hand(path, layout='paper8_skin')[1].offsets, usual)
-    assert replaced_markers_note(path, 'paper8_skin') is None
+    assert file_notes(path, layout='paper8_skin') == []

@@ -34,7 +34,6 @@ from .prediction import Observation, PredictionOptions
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
 PREDICTED_PALM_WEIGHTS = (.15, 1., 4.)  # with 0, 1 and 2 palm markers seen
-RIGID_FIT_STEPS = 2      # linear least-squares steps
 FINGER_SCATTER = .015    # [m] from the fit, at which a finger's weight is half
 LOST_BEND_TIME = .08     # [s] in which that residual becomes the finger's own motion
 PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
@@ -141,12 +140,12 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
             weights[i] = 1.
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
-    for number in range(RIGID_FIT_STEPS):
-        for i in range(3, 8 if number > 0 else 3):
-            if weights[i] > 0.:
-                off = distance(vector(points[i]), vector(aims[i])) / FINGER_SCATTER
-                weights[i] = 1. / (1. + off * off)
-        step_rigidly(points, aims, weights)
+    step_rigidly(points, aims, weights)
+    for i in range(3, 8):
+        if weights[i] > 0.:
+            off = distance(vector(points[i]), vector(aims[i])) / FINGER_SCATTER
+            weights[i] = 1. / (1. + off * off)
+    step_rigidly(points, aims, weights)
     if count == 0:
         axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
         share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME)
