@@ -394,6 +394,8 @@ class InputMonitor:
         return f'the markers are on average {1e3 * miss:.0f} mm off the hand'
 
     def _why_off(self, miss: float) -> str:
+        if self.label_doubt is not None:
+            return f'{self.label_doubt}; check {self.names.labels}'
         unit = f'unit ({self.names.scale}), ' if miss > WRONG_UNIT else ''
         return (f'wrong {unit}side, labels, layout or hand size (a hand file says it: '
                 f'{self.names.hand})' + (f', or {other}' if (other := self._other_person) else ''))
@@ -411,6 +413,9 @@ class InputMonitor:
         side = self.bends_away_from
         if side is None:
             return None
+        if self.label_doubt is not None:
+            return (f'the fingers bend away from the palm of a {side} hand, which is left out: '
+                    f'{self.label_doubt}; check {self.names.labels}')
         both = self._frame is not None and len(self._frame.doubled) > 1
         return side_fault(side, self.names) + (
             f'; markers of both hands are told apart with {self.names.side.format(BOTH)}'
@@ -488,7 +493,7 @@ class InputMonitor:
     def _warn_of_bad_fit(self, miss: float) -> None:
         """Warn of a hand that is a bad fit by its mean residual [m]."""
         # What is farther off is another's hand, or mislabelled, and said as such.
-        if BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
+        if self.label_doubt is None and BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
             self.warn_once(
                 'fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
                 '1 to 2 mm are usual for one that was measured: its fingers may stay too '

@@ -17,6 +17,7 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
 from .exchange_check import ExchangeCheck
+from .exchange_search import ExchangeSearch
 from .fit_check import OFF_HAND_DISTANCE
 from .input_monitor import InputMonitor, StateRun
 from .marker_events import LabelChanges
@@ -167,14 +168,14 @@ class Monitor:
         self._label_changes = LabelChanges(len(labels.names), labels.not_of)
         self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
-        self._exchange_check: ExchangeCheck | None = None
+        self._exchange_check: ExchangeCheck | ExchangeSearch | None = None
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
 
-    def check_exchange(self, check: ExchangeCheck | None) -> None:
+    def check_exchange(self, check: ExchangeCheck | ExchangeSearch | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
         self._exchange_check = check
         self._input.exchanged({})
@@ -340,9 +341,12 @@ class Monitor:
 
     def _find_exchanged_labels(self) -> None:
         """Check by the last frame which labels of digits are exchanged."""
-        if self._exchange_check is None or self._last is None or self._input.is_wrong:
+        check = self._exchange_check
+        if check is None or self._last is None or (
+                # By usual places the fingers of the other hand look exchanged.
+                isinstance(check, ExchangeCheck) and self._input.is_wrong):
             return
-        rather = self._exchange_check.add(*self._last)
+        rather = check.add(*self._last)
         if rather is not None:
             self._input.exchanged(rather)
 

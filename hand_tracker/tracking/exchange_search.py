@@ -1,0 +1,202 @@
+"""Search exchanged labels where several markers show a digit: solve the hand under others. No ROS.
+
+With one marker a digit a hand meets its markers under any labels, and only their usual places tell
+(`exchange_check`); with more, the labels are right under which the hand fits.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from ..core.model.hand import DIGITS, Hand
+from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
+from ..core.model.states import MarkerState, PalmState, are_seen
+from ..core.options import TrackerOptions
+from ..core.tracker import HandState, HandTracker
+from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck
+
+SEARCHED_FRAMES = 6
+# Fall of the residuals' sum that an exchange needs on average. Of captured and simulated hands no
+# exchange of right labels gains anything, and the right one of exchanged labels 28 mm at least,
+# also where the hand's size is not known. Ours.
+LEAST_FALL = .015       # [m]
+USUAL_RESIDUAL = .0025  # [m] of a marker of a measured hand, at most; ours
+# Sum of the residuals beyond it, of the markers that an exchange touches, from which it is tried.
+LEAST_EXCESS = .010     # [m]; ours
+LARGEST_RESIDUAL = .010     # [m] mean, after an exchange: another hand never fits; ours
+UNSOLVED = 1.           # [m] residual where the markers are no hand's
+SOLVED_AT_ONCE = 10     # exchanges tried after a frame, about 4 ms; ours
+SEARCH_PAUSE = 10.      # [s] from a search to the next
+# Each frame alone, by the labels as they are.
+UNTRUSTING = TrackerOptions(
+    smoothing=False, angle_filter=False, rigidity=False, outlier_gate=0., swap_margin=0.,
+    frozen_frames=0, palm_stretch=10., palm_shrink=.01, palm_flatness=.01)
+
+
+def label_check(tracker: HandTracker) -> ExchangeCheck | ExchangeSearch:
+    """Return what finds exchanged labels of a tracker's layout."""
+    digits = [_digit(place) for place in tracker.layout.places]
+    if all(digits.count(digit) > 1 for digit in DIGITS):
+        return ExchangeSearch(tracker)
+    return ExchangeCheck(tracker.hand, tracker.layout)
+
+
+def _digit(place: str) -> str:
+    """Return the digit that a marker moves with, or 'palm'."""
+    return 'palm' if place in PALM_LANDMARKS else place.split('_')[0]
+
+
+def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
+    """Return the exchanges of labels that people make.
+
+    Those of two markers of the palm, of one finger or of the same joint, and those of two digits.
+
+    Returns
+    -------
+    list of dict of int to int
+        Row of each marker that is exchanged, and of the other.
+    """
+    names = [place.split('_') for place in layout.places]
+    digits = [_digit(place) for place in layout.places]
+    found = [{i: j, j: i} for i, j in combinations(range(len(names)), 2)
+             if digits[i] == digits[j] or names[i][0] == names[j][0]
+             or names[i][-1] == names[j][-1]]
+    rows = [[row for row, digit in enumerate(digits) if digit == name] for name in DIGITS]
+    for one, other in combinations(rows, 2):
+        if len(one) == len(other) > 1:
+            found.append({**dict(zip(one, other)), **dict(zip(other, one))})
+    return found
+
+
+class ExchangeSearch:
+    """Search whether markers are rather others of the hand, as a node or a recording goes on.
+
+    Parameters
+    ----------
+    tracker : HandTracker
+        Of a layout with several markers a digit; its hand may change. While it runs as plain
+        Python nothing is searched, as that would take a second.
+    """
+
+    def __init__(self, tracker: HandTracker) -> None:
+        self._tracker, layout = tracker, tracker.layout
+        self._exchanges = exchanges(layout)
+        self._orders = np.array([[exchange.get(row, row) for row in range(len(layout.names))]
+                                 for exchange in self._exchanges])
+        digits = np.array([_digit(place) for place in layout.places])
+        # Markers whose residuals an exchange may lower: all, where the palm is placed by others.
+        self._touched = np.array([
+            np.isin(digits, digits[list(exchange)]) | ('palm' in digits[list(exchange)])
+            for exchange in self._exchanges], dtype=float)
+        self._hand: Hand | None = None  # of the solver
+        self._solver: HandTracker | None = None
+        self._solved = 0    # frames
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the frames noted so far."""
+        self._last, self._resumed = -math.inf, -math.inf   # [s]
+        self._places = np.full((self._orders.shape[1], 3), math.inf)
+        self._doubted = math.inf    # [m] sum of the residuals where an exchange was found
+        self._begin_search()
+
+    def _begin_search(self) -> None:
+        self._frames = self._fitting = 0
+        self._fall, self._residual = np.zeros((2, len(self._exchanges)))
+        self._alive = np.arange(len(self._exchanges))
+        self._markers: np.ndarray | None = None     # of the frame under search
+        self._untried: list[int] = []
+
+    def add(self, state: HandState, time: float | None) -> dict[int, int] | None:
+        """Note a frame; return which markers are rather others, once that is known.
+
+        Parameters
+        ----------
+        state : HandState
+            Not every frame's need be given.
+        time : float or None
+            Of the frame [s].
+
+        Returns
+        -------
+        dict of int to int, or None
+            Row of each marker, and of the one that it rather is; empty where the labels are the
+            best; None where that is not clear, or not enough frames have come.
+        """
+        if time is None or not math.isfinite(time) or not self._tracker.is_compiled:
+            return None
+        if self._markers is None and not self._takes(state, time):
+            return None
+        if self._markers is None:
+            self._fitting += 1
+            if self._fitting < SEARCHED_FRAMES:
+                return None
+            self._begin_search()
+            return {}
+        for which in self._untried[:SOLVED_AT_ONCE]:
+            residuals = self._residuals(self._markers[self._orders[which]])
+            self._fall[which] += self._present - np.nansum(residuals)
+            self._residual[which] += np.nanmean(residuals)
+        del self._untried[:SOLVED_AT_ONCE]
+        return None if self._untried else self._judge(time)
+
+    def _takes(self, state: HandState, time: float) -> bool:
+        """Begin with a frame if it can be judged, and is another pose; return whether it is.
+
+        No exchange is tried where none can lower the residuals by enough.
+        """
+        if (0. <= time - self._last < LEAST_STEP or time < self._resumed
+                or state.palm is not PalmState.TRACKED):
+            return False
+        places = (state.markers - state.wrist_position) @ state.wrist_rotation
+        if not np.abs(places - self._places).max() >= LEAST_MOVE:
+            return False
+        self._last, self._places = time, places
+        excess = np.maximum(np.nan_to_num(state.residuals) - USUAL_RESIDUAL, 0.)
+        within_reach = self._touched @ excess >= LEAST_EXCESS
+        untried = self._alive[within_reach[self._alive]].tolist()
+        # As they came: two that the tracker has exchanged are exchanged back.
+        put_right = np.flatnonzero(state.marker_states == MarkerState.SWAPPED)
+        if untried and len(put_right) in (0, 2):
+            self._markers = np.where(
+                are_seen(state.marker_states)[:, None], state.markers, np.nan)
+            self._markers[put_right] = self._markers[put_right[::-1]]
+            self._present = float(np.nansum(self._residuals(self._markers)))
+            self._untried = untried
+            self._alive = np.array(untried)
+        return not untried or self._markers is not None
+
+    def _residuals(self, markers: np.ndarray) -> np.ndarray:
+        """Return the distances of the markers from a hand that is solved from this frame alone."""
+        if self._solver is None or self._hand is not self._tracker.hand:
+            self._hand = self._tracker.hand
+            self._solver = HandTracker(self._hand, self._tracker.layout, UNTRUSTING)
+            if not self._solver.is_compiled:
+                self._solver.use_loaded_kernels()
+        self._solved += 1
+        # Time jumps back: each frame is the first.
+        state = self._solver.update(markers, -float(self._solved))
+        is_solved = state.palm is PalmState.TRACKED
+        return state.residuals if is_solved else np.full(len(markers), UNSOLVED)
+
+    def _judge(self, time: float) -> dict[int, int] | None:
+        """Drop the exchanges that gain nothing; return the verdict once enough is tried."""
+        self._markers, self._fitting = None, 0
+        self._frames += 1
+        self._alive = self._alive[
+            (self._fall[self._alive] >= self._frames * LEAST_FALL)
+            & (self._residual[self._alive] <= self._frames * LARGEST_RESIDUAL)]
+        if len(self._alive) and self._frames < SEARCHED_FRAMES:
+            return None
+        found: dict[int, int] | None = None
+        if len(self._alive):
+            found = self._exchanges[self._alive[self._fall[self._alive].argmax()]]
+            self._doubted = self._present
+        elif self._present <= self._doubted - LEAST_FALL:
+            found = {}  # else the hand may only be in a pose in which no exchange fits
+        self._begin_search()
+        self._resumed = time + SEARCH_PAUSE
+        return found
