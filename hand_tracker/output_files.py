@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from .core.errors import HandTrackerError
 
 PICTURE_SUFFIXES = '.png',
+YAML_SUFFIXES = '.yaml', '.yml'
 
 
 class OutputError(HandTrackerError):

@@ -12,7 +12,7 @@ from ..core.model.hand import FINGERS, FLEXION_JOINTS, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..drawing.fit_picture import FittedPose, save_fit_picture
 from ..files.hand_file import save_hand
-from ..output_files import PICTURE_SUFFIXES, require_writable
+from ..output_files import PICTURE_SUFFIXES, YAML_SUFFIXES, require_writable
 from ..progress import Progress, bar
 from .angle_uncertainty import angle_uncertainty, uncertainty_lines, uncertainty_range
 from .coverage import Covered, coverage, missing_movements
@@ -71,27 +71,29 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
         If a file cannot be written.
     """
     picture = picture or output.with_suffix('.png')
-    require_writable(output)
+    require_writable(output, YAML_SUFFIXES)
     require_writable(picture, PICTURE_SUFFIXES)
-    for weak in check_takes(takes):
-        print(f'note: {weak}', file=sys.stderr)
+    weaknesses = check_takes(takes)
     gathered = gather(_repaired(takes, prepare), ruler)
-    if are_joint_centres(gathered):
+    if are_joint_centres(gathered, not any(take.is_optical for take in takes)):
         if ruler != UNMEASURED:
             print('note: what a ruler says is not used, as joints tell all lengths',
                   file=sys.stderr)
         joints = landmark_frames(gathered) * takes[0].mirror
         save_hand(output, fit_hand(joints, takes[0].side, limits), layout or MarkerLayout())
         return (f'{output}: a hand with markers at its joints, as these are no markers on '
-                'the skin: joints that keep their distances')
-    for doubt in ruler_doubts(gathered, takes[0].side):
+                'the skin: joints of a skeleton')
+    doubts = ruler_doubts(gathered, takes[0].side)
+    for doubt in (*weaknesses, *doubts):
         print(f'note: {doubt}', file=sys.stderr)
     rate = average_rate([take.rate for take in takes])
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
     try:
         report.require_fitted(', '.join(take.name for take in takes))
-    except InvalidTake:
+    except InvalidTake as fault:
         print('\n'.join(report.lines()), file=sys.stderr)
+        if doubts:
+            raise InvalidTake(f'{fault} Or is a length by the ruler wrong?') from None
         raise
     covered = coverage(fit.postures)
     if layout is None or layout.names == MARKERS:

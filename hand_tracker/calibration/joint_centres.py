@@ -11,14 +11,16 @@ CENTRE_CHANGE = .0015  # [m] of the distance of neighbouring joints, 5th to 95th
 BENT_CHANGE = .02
 
 
-def are_joint_centres(gathered: Gathered) -> bool:
-    """Return whether all 21 landmarks are there and neighbours keep their distance.
+def are_joint_centres(gathered: Gathered, are_declared: bool) -> bool:
+    """Return whether all 21 landmarks are there, and are joints or keep their neighbours' distance.
 
     Markers on the back of a finger move apart by millimetres as it bends.
 
     Parameters
     ----------
     gathered : Gathered
+    are_declared : bool
+        Whether the files say that these are joints: those that a camera estimates keep no distance.
 
     Returns
     -------
@@ -26,6 +28,8 @@ def are_joint_centres(gathered: Gathered) -> bool:
     """
     if not set(LANDMARKS) <= set(gathered.names):
         return False
+    if are_declared:
+        return True
 
     def change(first: str, second: str) -> float:
         distances = np.linalg.norm(gathered.points[:, gathered.names.index(first)]

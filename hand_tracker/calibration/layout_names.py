@@ -34,6 +34,13 @@ def layout_named(names: Iterable[str], given: MarkerLayout | None = None) -> Mar
     return None
 
 
+def layout_hint(names: Iterable[str]) -> str:
+    """Return the end of a message, with the preset whose markers have these names; else empty."""
+    wanted = {str(name) for name in names}
+    return next((f'; its names are those of --layout {preset}'
+                 for preset, make in LAYOUT_PRESETS.items() if set(make().names) == wanted), '')
+
+
 def names_in_layout(layout: MarkerLayout) -> tuple[tuple[str, ...], dict[str, UsualPlace]]:
     """Return the names by which a calibration knows the markers of a layout.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
 from .hand_faults import KNUCKLE_DISTANCE, UNITS, bend_to_back, unit_of
+from .layout_names import layout_hint
 from .marker_fit import split_palm
 from .palm_template import ELSEWHERE, OUT_OF_SHAPE, TOLD_SHARE, PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -53,7 +54,8 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
     missing = [name for name in KNUCKLES if name not in there and not gathered.usual]
     if missing or len(gathered.of(-1)) < 3:
         raise InvalidTake(f'{named}: it has {", ".join(there) or "no markers of a hand"}; expected '
-                          'at least wrist, index_mcp and little_mcp')
+                          'at least wrist, index_mcp and little_mcp, or '
+                          f'--layout{layout_hint(takes[0].names)}')
     _check_size(named, gathered)
     gathered, palm = split_palm(gathered)
     worn = worn_names(gathered.markers, palm.held)
@@ -104,7 +106,8 @@ def _check_size(named: str, gathered: Gathered) -> None:
     if not unit:
         raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} m '
                           f'apart; expected {KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m: '
-                          'wrong labels, or another unit')
+                          'wrong labels, or another unit; markers of another layout are read by '
+                          '--layout')
 
 
 def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...], palm: PalmFit) -> float:
@@ -162,7 +165,8 @@ def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
     if not (np.diff(across) < 0.).all():
         first = int(np.argmax(np.diff(across) >= 0.))
         raise InvalidTake(f'{named}: the markers of {FINGERS[first]} and {FINGERS[first + 1]} '
-                          'finger lie in the wrong order beside each other: wrong labels')
+                          'finger lie in the wrong order beside each other: wrong labels; '
+                          'expected each marker with its own (--markers, --label)')
     return [f'the {digit}{"" if digit == "thumb" else " finger"} hardly moves: what its markers '
             'could tell is taken from other hands'
             for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]
@@ -192,5 +196,6 @@ def _check_side(named: str, side: str, gathered: Gathered, worn: tuple[str, ...]
     if bend_to_back(heights, roots, least):
         other = OTHER_SIDE[side]
         raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
-                          f'a take of a {side} hand: this is a {other} one (--side {other}), or '
-                          f'two of {", ".join(worn[:3])} are exchanged')
+                          f'a take of a {side} hand: this is a {other} one (--side {other}), '
+                          f'two of {", ".join(worn[:3])} are exchanged, or an axis is mirrored '
+                          '(--handed left)')

@@ -14,7 +14,7 @@ from ..files.point_recording import PointRecording
 from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
 from .hand_axes import HandPoints, hands_of, names_other_hand, side_likelihood
 from .hand_markers import choose_markers, labelled_column, marker_points
-from .layout_names import layout_named, names_in_layout
+from .layout_names import layout_hint, layout_named, names_in_layout
 from .marker_names import UsualPlace, canonical_name, identify
 from .recorded_points import recorded_points
 from .takes import InvalidTake, MarkerTake
@@ -143,7 +143,9 @@ def _named_columns(recording: PointRecording, side: str | None,
     own = next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
     columns = {**shared, **(own.columns if own else {})}
     for marker, label in names.items():
-        columns[canonical_name(marker)] = labelled_column(recording, marker, label)
+        named = labelled_column(recording, marker, label)
+        columns = {name: column for name, column in columns.items() if column != named}
+        columns[canonical_name(marker)] = named
     columns = {name: column for (name, column), marker in zip(
         columns.items(), identify(tuple(columns))) if marker}
     if len(columns) < NAMED_AT_LEAST:
@@ -197,5 +199,6 @@ def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str,
     if not found:
         raise without_points(path, fields, InvalidTake)
     raise InvalidTake(f'{path}: its markers are {", ".join(found)}; expected at least '
-                      f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, thumb_tip'
+                      f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, thumb_tip, '
+                      f'--markers that say which is which, or a --layout{layout_hint(found)}'
                       + (f'; never seen are {", ".join(unseen)}' if unseen else ''))

@@ -66,9 +66,9 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
                         help='of the fitted hand; default: beside the hand file')
     parser.add_argument('--side', type=one_side, choices=SIDES,
                         help="default: the take's, else right")
-    parser.add_argument('--fingers', choices=('dip', 'tip'), default='dip',
-                        help='joint at which the fingers wear their markers, of recordings; '
-                        'default: %(default)s')
+    parser.add_argument('--fingers', choices=('dip', 'tip'),
+                        help='joint at which the fingers wear their markers, of MarkerArrays; '
+                        'default: dip')
     parser.add_argument('--limits', choices=LIMIT_PRESETS, default=WEARER_LIMITS,
                         help='joint limits: Table 1 of the paper, wider ranges, or Table 1 widened '
                         'to what the take shows; default: %(default)s')

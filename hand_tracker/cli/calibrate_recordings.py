@@ -104,7 +104,7 @@ def _take_of_bag(path: Path, options: argparse.Namespace,
     rate = 1. / max(float(np.median(steps[steps > 0.])) if (steps > 0.).any() else 1., 1e-4)
     points = np.array(frames, dtype=float)
     names, usual = names_in_layout(layout or MarkerLayout([
-        place.replace('dip', options.fingers) for place in PAPER_PLACES]))
+        place.replace('dip', options.fingers or 'dip') for place in PAPER_PLACES]))
     seen = np.isfinite(points).all(axis=2).any(axis=0)
     for text in options.label:
         slot = worn.index(text.partition('=')[0])

@@ -161,8 +161,9 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
                         help='metres per unit of the markers: 0.001 for mm')
     add_zeros_option(parser)
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
-                        help='which point of a file is which marker, as index=LFIN, or with '
-                        '--side both right_index=RFIN: those that their labels do not tell')
+                        help='which point of a file is which marker, as index=LFIN (with --side '
+                        'both, where a command has it, right_index=RFIN): those that their labels '
+                        'do not tell')
     add_reading_options(parser)
 
 
@@ -235,7 +236,7 @@ def refuse_labels_of_points(options: argparse.Namespace, path: Path) -> None:
     HandTrackerError
         Naming the option and the recording.
     """
-    _refuse(options, path, ('label',), 'MarkerArrays only: points of a file are named by '
+    _refuse(options, path, ('label', 'fingers'), 'MarkerArrays only: points of a file are named by '
             '--markers MARKER=LABEL,...')
 
 

@@ -5,13 +5,11 @@ import sys
 from pathlib import Path
 
 from ..core.model.hand import SIDES
-from ..output_files import PICTURE_SUFFIXES, require_writable
+from ..output_files import PICTURE_SUFFIXES, YAML_SUFFIXES, require_writable
 from ..package_data import packaged_recording
 from . import view
 from .recording_options import one_side, require_inputs
 from .reporting import CommandParser, reporting
-
-ROBOT_FILE_SUFFIXES = '.yaml', '.yml'
 
 
 @reporting
@@ -55,7 +53,7 @@ def main(args: list[str] | None = None) -> int:
     if options.command == 'view':
         return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
                           options.robot, '--robot-description', options.urdf])
-    for path, suffixes in ((options.output, ROBOT_FILE_SUFFIXES),
+    for path, suffixes in ((options.output, YAML_SUFFIXES),
                            (options.picture, PICTURE_SUFFIXES)):
         if path:
             require_writable(path, suffixes)

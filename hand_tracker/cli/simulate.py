@@ -82,9 +82,10 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
     chosen = parser.parse_args(arguments)
     if chosen.seed < 0:
         parser.error(f'--seed: {chosen.seed} is below 0')
-    outputs = [one.resolve() for one in (chosen.output, chosen.truth, chosen.calibration) if one]
-    if len(set(outputs)) < len(outputs):
-        parser.error('-o, --truth and --calibration: expected a file each')
+    files = [Path(one).resolve() for one in (
+        chosen.output, chosen.truth, chosen.calibration, chosen.hand) if one]
+    if len(set(files)) < len(files):
+        parser.error('-o, --truth, --calibration and --hand: expected a file each')
     return parser, chosen
 
 

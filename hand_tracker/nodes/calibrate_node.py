@@ -1,7 +1,8 @@
 """Calibrate node: prompt a person how to move the hand, then fit a hand file to its markers.
 
 It hears the markers as the tracker does, with the same parameters, shows how much of each movement
-it has seen, and ends by itself. Its exit code is 0 with a hand file, 1 where the take is refused.
+it has seen, and ends by itself. Its exit code is 0 with a hand file, 1 where the take is refused or
+it is interrupted.
 """
 
 from __future__ import annotations
@@ -15,19 +16,21 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ..calibration.calibrate_takes import calibrate_takes
 from ..calibration.live_take import CALIBRATION_KEY, MAX_DURATION, Coverage, LiveTake
 from ..calibration.prompts import PROMPTS
+from ..calibration.takes import InvalidTake
 from ..core.model.hand import WEARER_LIMITS, Hand
 from ..messages.builders import diagnostics
 from ..messages.stamps import seconds
-from ..output_files import OutputError, require_writable
+from ..output_files import YAML_SUFFIXES, OutputError, require_writable
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
-from ..tracking.input_monitor import InputMonitor
+from ..tracking.input_monitor import SILENT_AFTER, InputMonitor
 from ..tracking.side_check import SideCheck
 from ..tracking.stream import FrameTime, read_or_warn
 from .executors import steady_clock
@@ -50,7 +53,7 @@ CALIBRATE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     *(row for row in live_table(Hand.scaled()) if row.name.startswith(READING_PARAMETERS)),
     Parameter('output', 'my_hand.yaml', 'Hand file to write; the picture goes beside it'),
     Parameter('max_duration', MAX_DURATION, 'After which a hand is fitted to what was shown, by '
-              'the stamps [s]', range=(5., 3600.)),
+              'the stamps, or once no marker comes any more [s]', range=(5., 3600.)),
 ))
 
 
@@ -66,7 +69,7 @@ class CalibrateNode(Node):
         self._limits = (WEARER_LIMITS if values['limits.preset'] == AUTO
                         else values['limits.preset'])
         self._output = Path(values['output']).expanduser().absolute()
-        require_writable(self._output)
+        require_writable(self._output, YAML_SUFFIXES)
         self._side = hand.side
         self._take = LiveTake(layout, hand.side, values['max_duration'])
         serialization = Serialization()
@@ -79,6 +82,8 @@ class CalibrateNode(Node):
         self._block = Block(sys.stdout) if sys.stdout.isatty() else None
         self._said = ''
         self._has_ended = Event()
+        self._first: float | None = None    # message, when it came [s]
+        self._max_duration = values['max_duration']
         self._coverage = self._take.coverage()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', STATUS_DEPTH)
         self._subscription = self.create_subscription(
@@ -93,14 +98,20 @@ class CalibrateNode(Node):
         Raises
         ------
         InvalidTake
-            If the take is refused.
+            If the take is refused, or no more of it is wanted.
         OutputError
             If the files cannot be written.
         """
+        try:
+            self._calibrate()
+        except (KeyboardInterrupt, ExternalShutdownException):
+            raise InvalidTake(f'interrupted: {self._output} is not written') from None
+
+    def _calibrate(self) -> None:
         with spinning(self):
             while not self._has_ended.wait(POLL):
                 if not rclpy.ok():
-                    return
+                    raise ExternalShutdownException
         for is_warning, line in self._take.end_lines(self._coverage):
             log_line(self, is_warning, line)
         self._publish(line, {})
@@ -115,6 +126,8 @@ class CalibrateNode(Node):
         if self._has_ended.is_set():
             return
         received = time.monotonic()
+        if self._first is None:
+            self._first = received
         frame = read_or_warn(self._reader, message, self._monitor.received_unreadable)
         if frame is None:
             return
@@ -150,7 +163,11 @@ class CalibrateNode(Node):
         elif coverage.text != self._said:
             self._said = coverage.text
             self.get_logger().info(coverage.text)
-        if self._take.has_ended(coverage):
+        # The stamps of markers that no longer come tell no time.
+        now = time.monotonic()
+        has_stopped = (self._first is not None and now - self._first >= self._max_duration
+                       and self._monitor.quiet_for(now) > SILENT_AFTER)
+        if has_stopped or self._take.has_ended(coverage):
             self._has_ended.set()
 
     def _publish(self, text: str, shares: dict[str, str]) -> None:

@@ -9,7 +9,7 @@ from ..background import start_low_priority
 from ..calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, LiveTake
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MarkerLayout
-from ..output_files import require_writable
+from ..output_files import YAML_SUFFIXES, require_writable
 
 
 class CalibrationRefused(HandTrackerError):
@@ -56,7 +56,7 @@ class LiveCalibration:
         """
         if self.is_running:
             raise CalibrationRefused(f'a calibration is not done yet: {self._text}')
-        require_writable(output)
+        require_writable(output, YAML_SUFFIXES)
         self.take = LiveTake(layout, side)
         self._limits, self._output = limits, output
         self._text = ''

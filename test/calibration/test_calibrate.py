@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 from PIL import Image
 
@@ -155,6 +156,60 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_fit(tmp_path, ca
         said = capsys.readouterr()
         assert f'{arguments[-1]}: cannot be written' in said.err and not said.out
     assert not (tmp_path / 'hand.yaml').exists()
+
+
+@pytest.mark.parametrize('name', ['take.npz', 'hand.txt'])
+def test_an_output_that_is_no_hand_file_is_refused_and_kept(name, tmp_path, capsys):
+    take = written(tmp_path / 'take.npz', simulated_take(HAND, WORN_PLACES, seconds=6.)[0])
+    before = take.read_bytes()
+    assert main([str(take), '-o', str(tmp_path / name)]) == 1
+    assert 'expected .yaml, .yml' in capsys.readouterr().err
+    assert take.read_bytes() == before and [*tmp_path.iterdir()] == [take]
+
+
+def test_markers_on_the_tips_are_said_by_their_names_in_files(tmp_path, capsys):
+    take = simulated_take(HAND, WORN_PLACES, seconds=12.)[0]
+    path = written(tmp_path / 'take.npz', take._replace(names=MARKERS))
+    output = tmp_path / 'hand.yaml'
+    assert main([str(path), '-o', str(output), '--fingers', 'tip']) == 1
+    assert '--fingers: tip; expected for MarkerArrays only' in capsys.readouterr().err
+    fingers = MARKERS[3:7]
+    assert main([str(path), '-o', str(output), '--markers',
+                 ','.join(f'{finger}_tip={finger}' for finger in fingers)]) == 0
+    assert load_hand(output)[1].places[3:7] == tuple(f'{finger}_tip' for finger in fingers)
+
+
+def test_names_of_a_preset_are_told_with_its_name(tmp_path, capsys):
+    take = simulated_take(HAND, EVERY_JOINT, seconds=6.)[0]
+    for names, layout in ((range(1, 24), 'kyutech23'), (range(23), '')):
+        points = np.repeat(take.points[:, :1], 23, axis=1)
+        take = take._replace(names=[*map(str, names)], points=points)
+        path = written(tmp_path / 'take.npz', take)
+        assert main([str(path), '-o', str(tmp_path / 'hand.yaml')]) == 1
+        said = capsys.readouterr().err
+        assert '--markers' in said and ('its names are those of' in said) is bool(layout)
+        assert layout in said
+
+
+def test_joints_that_a_camera_estimates_are_no_markers_on_the_skin(tmp_path, capsys):
+    capture = np.load(capture_path('dexret__human_joint_right'))
+    np.savez(tmp_path / 'joints.npz', **{name: capture[name] for name in (
+        'positions', 'joints', 'side')}, rate_hz=30.)
+    output = tmp_path / 'hand.yaml'
+    assert main([str(tmp_path / 'joints.npz'), '-o', str(output)]) == 0
+    said = capsys.readouterr()
+    assert 'joints of a skeleton' in said.out and 'note' not in said.err
+    assert not load_hand(output)[1].offsets.any()
+
+
+def test_a_ruler_that_contradicts_the_markers_is_named_where_no_hand_fits(tmp_path, capsys):
+    take, _ = simulated_take(Hand.scaled(.205, .094), EVERY_JOINT, seconds=8.)
+    path = written(tmp_path / 'take.npz', take)
+    assert main([str(path), '-o', str(tmp_path / 'a.yaml'), '--hand-length', '160',
+                 '--hand-breadth', '72']) in (0, 1)
+    said = capsys.readouterr().err
+    assert 'by the ruler' in said and ('Or is a length by the ruler wrong?' in said) is (
+        not (tmp_path / 'a.yaml').exists())
 
 
 def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):

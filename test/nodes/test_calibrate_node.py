@@ -88,6 +88,25 @@ def test_a_still_hand_is_refused_when_the_time_is_over(tmp_path):
     assert not output.exists()
 
 
+def test_an_interrupted_calibration_is_no_success(tmp_path):
+    output = tmp_path / 'my_hand.yaml'
+    with NodeProcess(MODULE, {'output': str(output)}) as process:
+        process.wait_for_line('open the hand')
+        assert process.interrupt() == 1
+    assert f'interrupted: {output} is not written' in process.output
+    assert 'Traceback' not in process.output and not output.exists()
+
+
+def test_the_time_is_over_where_no_marker_comes_any_more(tmp_path):
+    still = worn_markers(HAND, skin_layout(HAND), np.repeat(
+        pose_angles('open', HAND)[None], 30, axis=0))
+    parameters = {'output': str(tmp_path / 'my_hand.yaml'), 'max_duration': 5., **LOSSLESS}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        send(process, node, still)
+        assert process.wait() == 1, process.output
+    assert '1 s are over; not shown: ' in process.output
+
+
 def test_what_cannot_be_written_is_refused_at_once(tmp_path):
     with NodeProcess(MODULE, {'output': str(tmp_path / 'none' / 'hand.yaml')}) as process:
         assert process.wait() == 1

@@ -260,6 +260,13 @@ def test_one_file_for_two_outputs_is_refused(tmp_path, capsys):
         main(['typing', '-o', str(tmp_path / 'out.mcap'), '--truth', same,
               '--calibration', same])
     assert 'expected a file each' in capsys.readouterr().err and not any(tmp_path.iterdir())
+    hand = tmp_path / 'hand.yaml'
+    save_hand(hand, Hand.scaled(), MarkerLayout())
+    before = hand.read_bytes()
+    with pytest.raises(SystemExit, match='2'):
+        main(['typing', '-o', str(tmp_path / 'out.mcap'), '--hand', str(hand),
+              '--calibration', str(hand)])
+    assert 'expected a file each' in capsys.readouterr().err and hand.read_bytes() == before
 
 
 def test_strokes_of_a_long_motion_cost_no_more(monkeypatch):
