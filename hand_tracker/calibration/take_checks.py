@@ -1,6 +1,6 @@
 """Checks of takes before a fit: reasons to refuse them, and weaknesses."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .worn_markers import PAPER_PALM, worn_names
 LEAST_DURATION = 5.              # [s] of all takes together
 KNUCKLES = 'index_mcp', 'little_mcp'
 PALM_PAIRS = tuple(zip(PAPER_PALM, (*PAPER_PALM[1:], PAPER_PALM[0])))
-MOST_CHANGE = .005               # [m] of a palm's distance from take to take of one hand; ours
+MOST_CHANGE = .005               # [m] of a palm's distance from take to take, or in one; ours
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
@@ -72,7 +72,7 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
             # One in which no finger bends that far shows no side.
             _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
     _check_side(named, side, gathered, worn, local, LEAST_MOTION)
-    weak = [*_other_wearers(takes), *_check_motion(named, gathered, worn, local)]
+    weak = [*_other_palms(takes), *_check_motion(named, gathered, worn, local)]
     others = [f'{name} for {place}' for name, place in zip(worn, PAPER_PALM) if name != place]
     if others and not gathered.usual:   # else all markers are tracked
         weak.append(f'the palm of the hand file has {", ".join(others)}: what is tracked has to '
@@ -129,18 +129,26 @@ def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...], palm: Pal
     return float(np.mean(np.nan_to_num(misses).max(axis=1) > OUT_OF_SHAPE))
 
 
-def _other_wearers(takes: Sequence[MarkerTake]) -> list[str]:
-    """Return a line on each take whose palm has other distances than the first one's."""
-    (first, usual), *others = ((take.name, _palm_distances(take)) for take in takes)
-    found = []
-    for name, distances in others:
-        change = np.nan_to_num(np.abs(distances - usual))
-        worst = int(change.argmax())
-        if change[worst] > MOST_CHANGE:
-            found.append(f'{name}: {" and ".join(PALM_PAIRS[worst])} are '
-                         f'{1e3 * distances[worst]:.0f} mm apart, {1e3 * usual[worst]:.0f} in '
-                         f'{first}: another person, or markers put on anew?')
-    return found
+def _other_palms(takes: Sequence[MarkerTake]) -> Iterator[str]:
+    """Yield a line on each take whose palm has other distances than before."""
+    first, usual = takes[0].name, _palm_distances(takes[0])
+    for take in takes[1:]:
+        if change := _changed_distance(usual, _palm_distances(take), first):
+            yield f'{take.name}: {change}: another person, or markers put on anew?'
+    for take in takes:
+        halves = np.array_split(np.arange(len(take.points)), 2)
+        before, after = (_palm_distances(take.part(half)) for half in halves)
+        if change := _changed_distance(before, after, 'its first half'):
+            yield f'{take.name}: in its second half {change}: did a marker slip?'
+
+
+def _changed_distance(before: np.ndarray, after: np.ndarray, where: str) -> str:
+    """Describe which distance of `PALM_PAIRS` has changed most [m]; empty where by too little."""
+    change = np.nan_to_num(np.abs(after - before))
+    worst = int(change.argmax())
+    return '' if change[worst] <= MOST_CHANGE else (
+        f'{" and ".join(PALM_PAIRS[worst])} are {1e3 * after[worst]:.0f} mm apart, '
+        f'{1e3 * before[worst]:.0f} in {where}')
 
 
 def _palm_distances(take: MarkerTake) -> np.ndarray:

@@ -99,3 +99,15 @@ def test_a_finger_that_does_not_move_is_noted():
     notes = check_takes([take._replace(points=points, sequence=np.zeros(len(points)))])
     assert any(note.startswith('the index finger hardly moves') for note in notes)
     assert not any('thumb' in note.split(':')[0] for note in notes)
+
+
+def test_a_palm_marker_that_slips_is_told_of():
+    take = good_take()
+    points, wrist = take.points.copy(), take.names.index('wrist')
+    towards = points[:, take.names.index('index_mcp')] - points[:, wrist]
+    half = len(points) // 2
+    points[half:, wrist] -= .008 * (
+        towards / np.linalg.norm(towards, axis=1, keepdims=True))[half:]
+    said = check_takes([take._replace(points=points)])
+    assert any('did a marker slip?' in one and 'wrist' in one for one in said)
+    assert not any('slip' in one for one in check_takes([take]))
