@@ -28,7 +28,7 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
-from ..tracking.stream import LearnedSize
+from ..tracking.stream import LearnedSize, unobserved_note
 from .recording_options import hand_notes, recorded_hands, recorded_reading
 
 LEARNING_SPAN = 60.  # [s] from the first tracked frame that a size is learned from, at most
@@ -137,6 +137,8 @@ class TrackingJob:
             if not reading.has_labels and (
                     warning := usual_shape_warning(tracker.hand, tracker.layout)):
                 self.say(self._whose(side) + warning)
+            if note := unobserved_note(tracker):
+                self.say(self._whose(side) + note)
             recorded[side] = RecordedHand(
                 tracker, reading, monitor, self._learns_size, point_labels, sizes.get(side))
         messages = self._progress.over(self._monitored())

@@ -17,7 +17,7 @@ from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.hand_labels import ids_of_both_hands
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
-from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandState, HandTracker
 from ..files.hand_file import file_notes, unknown_range_note
 from ..messages.builders import diagnostics
@@ -34,7 +34,13 @@ from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_search import label_check
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
-from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
+from ..tracking.stream import (
+    UNNAMED_FRAME,
+    Stream,
+    TrackedFrame,
+    read_or_warn,
+    unobserved_note,
+)
 from .hand_display import HandDisplay
 from .hand_services import HandServices
 from .runner import declare, log_line, names_of
@@ -391,10 +397,8 @@ class TrackedHand:
 
     def log_unobserved_joints(self) -> None:
         """Log the joints that the layout does not show, where it is not the paper's."""
-        if self._marker_names != MARKERS and (unobserved := self._tracker.unobserved_joints()):
-            self._node.get_logger().info(
-                'joints that these markers do not show, which follow others or stay at rest: '
-                + ', '.join(unobserved))
+        if note := unobserved_note(self._tracker):
+            self._node.get_logger().info(note)
 
     def log(self) -> None:
         """Log the lines of the monitor and of the stream."""

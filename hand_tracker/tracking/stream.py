@@ -14,7 +14,7 @@ import numpy as np
 
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.model.states import MarkerState
 from ..core.numerics.jit import DEFERRED, LABELLING_IS_DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
@@ -68,6 +68,13 @@ def read_or_warn(reader: Reader, message: Any,
     except MalformedMessage as error:
         warn_once('malformed', f'left out is what is no message of markers: {error}')
         return None
+
+
+def unobserved_note(tracker: HandTracker) -> str:
+    """Return the note on joints that a layout other than the paper's does not show, if any."""
+    unobserved = () if tracker.layout.names == MARKERS else tracker.unobserved_joints()
+    return ('joints that these markers do not show, which follow others or stay at rest: '
+            + ', '.join(unobserved)) * bool(unobserved)
 
 
 class TrackedFrame(NamedTuple):

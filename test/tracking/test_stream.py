@@ -8,6 +8,7 @@ from helpers.frames import RESTING
 from helpers.hands import markers_of
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
 from hand_tracker.core.point_labelling.natural_poses import ANYBODY, SIZED
@@ -20,7 +21,13 @@ from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
 from hand_tracker.tracking.point_labels import SEARCHED_LONG, PointLabelReader, PointLabels
-from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
+from hand_tracker.tracking.stream import (
+    BLEND_TIME,
+    UNNAMED_FRAME,
+    FrameTime,
+    Stream,
+    unobserved_note,
+)
 
 UNSET = Stamp(0, 0)
 STAMP = Stamp(5, 0)
@@ -354,3 +361,10 @@ def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monke
     monkeypatch.setattr(module, 'DEFERRED', False)
     stream.compile_in_background()
     assert stream.compilation is None and stream.pop_log_lines() == []
+
+
+def test_joints_that_a_layout_does_not_show_are_named():
+    assert unobserved_note(HandTracker()) == ''
+    assert unobserved_note(HandTracker(layout=preset_layout('kyutech23'))) == ''
+    note = unobserved_note(HandTracker(layout=preset_layout('tips5_palm3')))
+    assert note.startswith('joints that these markers do not show') and 'index_dip_flexion' in note
