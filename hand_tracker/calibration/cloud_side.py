@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced, every_few
 from ..core.point_labelling.cloud_labeller import CloudLabeller
 from ..core.point_labelling.natural_poses import model_prototype
 from .cloud_size import SAMPLED_CLOUDS
@@ -58,11 +59,10 @@ def side_likelihoods(clouds: np.ndarray) -> dict[str, float]:
     left = right.mirrored()
     labellers = {SIDES[0]: CloudLabeller([right]), SIDES[1]: CloudLabeller([left]),
                  BOTH: CloudLabeller([right, left])}
-    clouds = clouds[::max(len(clouds) // SAMPLED_CLOUDS, 1)]
+    clouds = every_few(clouds, SAMPLED_CLOUDS)
     counts = np.isfinite(clouds).all(axis=2).sum(axis=1)
     usual = np.flatnonzero(counts >= np.median(counts)) if len(counts) else counts
-    frames = clouds[usual[np.unique(
-        np.linspace(0, len(usual) - 1, min(SEARCHED_CLOUDS, len(usual))).astype(int))]]
+    frames = clouds[usual[evenly_spaced(len(usual), SEARCHED_CLOUDS)]]
     leads: list[np.ndarray] = []
     searched = 0
     for searched, frame in enumerate(frames, start=1):

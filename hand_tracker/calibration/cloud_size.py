@@ -8,6 +8,7 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.layout_presets import LAYOUT_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import PAPER_PLACES, marker_positions
+from ..core.numerics.sampling import every_few
 from ..files.point_recording import PointRecording
 from .hand_labels import are_nameless
 
@@ -37,8 +38,8 @@ def cloud_scale(recording: PointRecording) -> float | None:
         By the nearest eight of each frame, as there may be others than the hand's; None where
         there are seldom eight [1].
     """
-    step = max(len(recording.points) // SAMPLED_CLOUDS, 1)
-    points = recording.points[::step, nameless_columns(recording)].astype(float)
+    some = every_few(recording.points, SAMPLED_CLOUDS)
+    points = some[:, nameless_columns(recording)].astype(float)
     radii = _group_radii(points)
     if not len(radii):
         return None

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..core.model.hand import COUPLING_OFFSET_RANGE, FINGERS, SLOPE_RANGE, Hand
 from ..core.model.kinematics import digit_base
+from ..core.numerics.sampling import evenly_spaced
 from .landmarks import STRONG_FLEXION, digit_angles
-from .least_squares import evenly_spaced, regularised_fit
+from .least_squares import regularised_fit
 
 FINGER_FIT_FRAMES = 400
 MOTION_PERCENTILES = (1., 99.)  # of recorded angles, the limits of the range of motion

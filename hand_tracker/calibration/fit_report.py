@@ -7,6 +7,7 @@ import numpy as np
 
 from ..core.model.hand import DIGITS
 from ..core.model.marker_layout import MARKERS
+from ..core.numerics.sampling import evenly_spaced
 from .digit_chain import (
     BONE_PART,
     COUPLING_PART,
@@ -206,13 +207,12 @@ def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
         most = fit_gathered(gathered._replace(points=gathered.points[~held]), fit.hand.side,
                             done=done)
         rest = gathered.points[held]
-        rest = rest[np.unique(np.linspace(0, len(rest) - 1, HELD_OUT_FRAMES).astype(int))]
+        rest = rest[evenly_spaced(len(rest), HELD_OUT_FRAMES)]
         unseen = marker_distances(most, gathered._replace(points=rest))
     else:
         for _ in range(FIT_STEPS):
             done()
-    chosen = gathered.points[np.unique(
-        np.linspace(0, len(gathered.points) - 1, HELD_OUT_FRAMES).astype(int))]
+    chosen = gathered.points[evenly_spaced(len(gathered.points), HELD_OUT_FRAMES)]
     fitted = marker_distances(fit, gathered._replace(points=chosen))
     gathered = gathered._replace(markers=fit.markers)
     return FitReport(

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..core.numerics.sampling import evenly_spaced
+
 CANDIDATE_FRAMES = 2500  # evenly spaced, of which frames are chosen
 
 
@@ -24,8 +26,7 @@ def spread_frames(points: np.ndarray, count: int, least: float) -> np.ndarray:
     """
     seen = np.isfinite(points).all(axis=2).sum(axis=1)
     usable = np.flatnonzero(seen == seen.max()) if seen.max() else np.empty(0, dtype=int)
-    usable = usable[np.unique(np.linspace(0, len(usable) - 1, CANDIDATE_FRAMES).astype(int))] \
-        if len(usable) else usable
+    usable = usable[evenly_spaced(len(usable), CANDIDATE_FRAMES)]
     if not len(usable):
         return usable
     flat = np.nan_to_num(points[usable]).reshape(len(usable), -1)

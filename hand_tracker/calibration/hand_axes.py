@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.hand import FINGERS, OTHER_SIDE
+from ..core.numerics.sampling import every_few
 from ..core.numerics.vectors import unit_vectors
 from ..files.point_recording import UNIT_SPELLINGS, Axes, PointRecording, conversion_note
 from .cloud_size import cloud_scale
@@ -69,7 +70,7 @@ def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[Ha
     Returns
     -------
     list of HandPoints
-        Points whose label names no side belong to every hand with one.
+        Points whose label names no side are a hand of side ''; `columns_of` adds them.
     """
     found: dict[str, dict[str, int]] = {}
     for column, label in enumerate(hand_labels(labels, is_landmarks)):
@@ -80,6 +81,12 @@ def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[Ha
                 columns[label.name] = column
     return sorted((HandPoints(side, columns) for side, columns in found.items()),
                   key=lambda hand: -len(hand.columns))
+
+
+def columns_of(hands: Sequence[HandPoints], side: str) -> dict[str, int]:
+    """Return the columns of the hand of a side, with those of points whose labels name none."""
+    by_side = {hand.side: hand.columns for hand in hands}
+    return {**by_side.get('', {}), **by_side.get(side, {})}
 
 
 def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
@@ -154,8 +161,8 @@ def side_by_shape(recording: PointRecording, named: Mapping[str, int]) -> tuple[
     likelihood : float
         Of that side; of one above `SURE` there is no doubt.
     """
-    hands = {hand.side: hand.columns for hand in hands_of(recording)}
-    right = side_likelihood(recording, HandPoints('', {**hands.get('', {}), **named}))
+    unsided = columns_of(hands_of(recording), '')
+    right = side_likelihood(recording, HandPoints('', {**unsided, **named}))
     return 'right' if right > .5 else 'left' if right < .5 else '', max(right, 1. - right)
 
 
@@ -311,8 +318,8 @@ def _side_of_name(name: str) -> str:
 
 def _sampled(recording: PointRecording, hand: HandPoints) -> dict[str, np.ndarray]:
     """Return each landmark in some frames, shape (t, 3), the wrist as the mean of its markers."""
-    step = max(len(recording.points) // SAMPLED_FRAMES, 1)
-    points = {name: recording.points[::step, column].astype(float)
+    some = every_few(recording.points, SAMPLED_FRAMES)
+    points = {name: some[:, column].astype(float)
               for name, column in hand.columns.items()}
     wrists = [places for name, places in points.items() if 'wrist' in name]
     if wrists and 'wrist' not in points:

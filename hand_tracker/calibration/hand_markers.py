@@ -18,7 +18,7 @@ from ..core.model.marker_layout import (
 )
 from ..files.point_recording import PointRecording
 from ..messages.labels import shown_labels
-from .hand_axes import HandPoints, hands_of
+from .hand_axes import HandPoints, columns_of, hands_of
 from .known_layouts import complete_layout
 from .layout_labels import labelled_layout, point_names
 from .worn_markers import WORN_LANDMARKS
@@ -154,12 +154,11 @@ def _choose_eight(hand: HandPoints, given: Mapping[str, int],
 def _hand_of(recording: PointRecording, side: str | None) -> HandPoints:
     """Return the hand of a side, with the points whose labels name no side."""
     hands = hands_of(recording)
-    both = next((hand.columns for hand in hands if not hand.side), {})
-    sided = [hand for hand in hands if hand.side and (side is None or hand.side == side)]
-    best = next(iter(sided), None)
+    both = columns_of(hands, '')
+    best = next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
     if best is None or len(both) > len(best.columns):
         return HandPoints('', both)
-    return HandPoints(best.side, {**both, **best.columns})
+    return HandPoints(best.side, columns_of(hands, best.side))
 
 
 def labelled_column(recording: PointRecording, marker: str, label: str) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import LAYOUT_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import PAPER_PLACES
+from ..core.numerics.sampling import every_few
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
 from .cloud_side import likely_side
 from .cloud_size import nameless_columns
@@ -19,6 +20,7 @@ from .layout_labels import labelled_layout, point_names
 LEAST_LIKELIHOOD = .2      # of layouts that are listed
 LEAST_PRESENT = .5         # of a layout's markers that are there
 NAMED_SIDE = .99           # likelihood of a side that labels name
+COUNTED_FRAMES = 200       # in which points are counted, up to twice as many
 HAND_SPAN = .30            # [m] that a hand's markers are within
 
 
@@ -154,8 +156,7 @@ def _by_number(recording: PointRecording) -> list[LikelyLayout]:
 
     Where some have no label, a hand is also searched among them by its shape, as the tracker does.
     """
-    points = recording.points[::max(len(recording.points) // 200, 1)][
-        :, nameless_columns(recording)]
+    points = every_few(recording.points, COUNTED_FRAMES)[:, nameless_columns(recording)]
     if points.size == 0:
         return []
     counts = np.isfinite(points).all(axis=2).sum(axis=1)

@@ -68,8 +68,3 @@ def regularised_fit(residuals: Callable[[np.ndarray], np.ndarray], starts: Seque
             weighted, best, bounds=bounds, diff_step=DIFFERENCE_STEP,
             max_nfev=EVALUATIONS_PER_REFIT, args=(error,)).x
     return best
-
-
-def evenly_spaced(frames: int, count: int) -> np.ndarray:
-    """Return up to `count` indices spread evenly over a number of frames."""
-    return np.unique(np.linspace(0, frames - 1, count).astype(int))

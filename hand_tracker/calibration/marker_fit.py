@@ -19,6 +19,7 @@ from ..core.model.hand import (
     average_natural_flexion,
 )
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import (
     FIRST_NOISE,
@@ -39,7 +40,6 @@ from .fitted_hand import (
     marker_layout,
     mount_markers,
 )
-from .least_squares import evenly_spaced
 from .marker_names import NamedMarker, is_knuckle, riding
 from .marker_residuals import DigitProblem
 from .natural_flexion import FlexionLine, fit_flexion_line

@@ -17,7 +17,8 @@ from ..core.model.hand import (
 )
 from ..core.model.marker_layout import landmark_on_link
 from ..core.numerics.rigid_fit import nearest_rotation
-from .least_squares import evenly_spaced, least_squares
+from ..core.numerics.sampling import evenly_spaced
+from .least_squares import least_squares
 from .marker_names import UsualPlace
 from .ruler import RULER_SPREAD, UNMEASURED, Ruler
 from .takes import InvalidTake

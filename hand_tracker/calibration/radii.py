@@ -7,9 +7,9 @@ from ..core.inverse_kinematics.digit import digit_chains, solve_digits
 from ..core.model.capsules import hand_capsules, pair_gaps
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, Hand
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced
 from ..core.pose.contact import PENETRATION
 from .landmarks import LANDMARKS
-from .least_squares import evenly_spaced
 
 RADII_FIT_FRAMES = 300
 OUTLIER_PERCENTAGE = 1.  # of the frames, in which an overlap is taken for an error

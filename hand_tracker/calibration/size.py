@@ -18,8 +18,9 @@ from ..core.model.hand import (
     cmc_joints,
 )
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced
 from .hand_faults import unit_of
-from .least_squares import evenly_spaced, least_squares
+from .least_squares import least_squares
 from .palm_template import rigid_poses, to_palm
 
 MIN_SIZE_FRAMES = 20    # with the whole palm seen

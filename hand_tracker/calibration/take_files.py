@@ -12,7 +12,7 @@ from ..core.model.marker_layout import MarkerLayout
 from ..files.npz_file import checked_points, named_fields, open_arrays, without_points
 from ..files.point_recording import PointRecording
 from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
-from .hand_axes import HandPoints, hands_of, names_other_hand, side_likelihood
+from .hand_axes import HandPoints, columns_of, hands_of, names_other_hand, side_likelihood
 from .hand_markers import choose_markers, labelled_column, marker_points
 from .layout_names import layout_hint, layout_named, names_in_layout
 from .marker_names import UsualPlace, canonical_name, identify
@@ -139,9 +139,8 @@ def _named_columns(recording: PointRecording, side: str | None,
                    names: Mapping[str, str]) -> tuple[dict[str, int], str]:
     """Return the columns of a hand's markers by landmark or place, and the side of its labels."""
     hands = hands_of(recording)
-    shared = next((hand.columns for hand in hands if not hand.side), {})
-    own = next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
-    columns = {**shared, **(own.columns if own else {})}
+    own_side = next((hand.side for hand in hands if hand.side and side in (None, hand.side)), '')
+    columns = columns_of(hands, own_side)
     for marker, label in names.items():
         named = labelled_column(recording, marker, label)
         columns = {name: column for name, column in columns.items() if column != named}
@@ -153,7 +152,7 @@ def _named_columns(recording: PointRecording, side: str | None,
         raise InvalidTake(f'{recording.name}: its labels are {some}; expected at least '
                           f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, '
                           'thumb_tip, --markers that say which is which, or a --layout')
-    return columns, own.side if own else ''
+    return columns, own_side
 
 
 def usable_rate(path: Path, rate: float, error: type[HandTrackerError]) -> float:

@@ -18,9 +18,10 @@ from ..core.model.hand import (
     Hand,
 )
 from ..core.model.kinematics import base_rotation, direction_in_base
+from ..core.numerics.sampling import evenly_spaced
 from .fingers import MOTION_PERCENTILES
 from .landmarks import metacarpal_axes, phalanx_axes
-from .least_squares import evenly_spaced, regularised_fit
+from .least_squares import regularised_fit
 
 MCP_ABDUCTION_ROW = JOINTS.index('thumb_mcp_abduction')
 THUMB_FIT_FRAMES = 250

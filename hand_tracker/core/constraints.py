@@ -65,22 +65,19 @@ def without_limits(joints: np.ndarray) -> Change:
         joints[:, None], (-UNLIMITED_ANGLE, UNLIMITED_ANGLE), hand.limits)))
 
 
-UNCOUPLED = Change(hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling)))
-UNBOUNDED_DIFFERENCES = Change({
-    'bound_index_middle': np.pi, 'bound_middle_ring': np.pi, 'bound_ring_little': np.pi})
-
 CONSTRAINTS = {
     'Joint limits': Constraint('No joint bends farther than it can',
                                without_limits(FLEXION_MASK | ABDUCTION_MASK)),
-    'DIP coupling': Constraint('DIP follows PIP, thumb IP follows MCP', UNCOUPLED),
+    'DIP coupling': Constraint('DIP follows PIP, thumb IP follows MCP', Change(
+        hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling)))),
     'Rigidity': Constraint('Digits do not go through each other', Change({'rigidity': False})),
     'Friction': Constraint('Hidden digits are dragged along by those that touch them',
                            Change({'friction': 0.}), Change({'friction': .5})),
     'Inertia': Constraint('Hidden markers go on as they moved', Change({'inertia': 0.})),
     'Transdigital correlation': Constraint('Hidden digits move as they have moved with the others',
                                            Change({'transdigital_memory': 0.})),
-    'Candidate space': Constraint('Hidden digits stay near their neighbours',
-                                  UNBOUNDED_DIFFERENCES),
+    'Candidate space': Constraint('Hidden digits stay near their neighbours', Change({
+        'bound_index_middle': np.pi, 'bound_middle_ring': np.pi, 'bound_ring_little': np.pi})),
     'Palm from fingers': Constraint('Fingers correct a hidden palm marker',
                                     Change({'palm_from_fingers': False})),
     'Smoothing': Constraint('Noise of seen markers is filtered', Change({'smoothing': False})),

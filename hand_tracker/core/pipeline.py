@@ -544,8 +544,9 @@ def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     write_markers(markers, seen, state.palm, state.digits, state.wrist, model.mirror, report)
     write_marker_states(seen, state.verdict, state.palm, state.digits,
                         options.prediction.max_prediction_time, report)
-    write_residuals(seen, model.mounting, report)
-    if model.rows.is_needed[0]:
+    if not model.rows.is_needed[0]:
+        write_residuals(seen, model.mounting, report)
+    else:
         write_rows(model.rows, state.rows, options.prediction.max_prediction_time, model.mirror,
                    report)
     write_deviation(chains, model.mounting, state.palm, state.digits, state.rows.deviation,

@@ -28,9 +28,8 @@ from matplotlib.lines import Line2D
 
 from ..core.constraints import (
     ABDUCTION_MASK,
+    CONSTRAINTS,
     FLEXION_MASK,
-    UNBOUNDED_DIFFERENCES,
-    UNCOUPLED,
     Change,
     without_limits,
 )
@@ -81,16 +80,16 @@ MEASURED_FLEXION = 'measured distal flexion'
 WITHOUT_ONE = {
     'no flexion limits': without_limits(FLEXION_MASK),
     'no abduction limits': without_limits(ABDUCTION_MASK),
-    'no limits': without_limits(FLEXION_MASK | ABDUCTION_MASK),
-    'no DIP and IP coupling': UNCOUPLED,
-    'no smoothing': Change({'smoothing': False}),
-    'no inertia': Change({'inertia': 0.}),
-    'no transdigital correlation': Change({'transdigital_memory': 0.}),
+    'no limits': CONSTRAINTS['Joint limits'].off,
+    'no DIP and IP coupling': CONSTRAINTS['DIP coupling'].off,
+    'no smoothing': CONSTRAINTS['Smoothing'].off,
+    'no inertia': CONSTRAINTS['Inertia'].off,
+    'no transdigital correlation': CONSTRAINTS['Transdigital correlation'].off,
     'no links before learning': Change({
         'link_index_middle': 0., 'link_middle_ring': 0., 'link_ring_little': 0.}),
-    'no candidate space': UNBOUNDED_DIFFERENCES,
-    'no rigidity': Change({'rigidity': False}),
-    'palm without fingers': Change({'palm_from_fingers': False}),
+    'no candidate space': CONSTRAINTS['Candidate space'].off,
+    'no rigidity': CONSTRAINTS['Rigidity'].off,
+    'palm without fingers': CONSTRAINTS['Palm from fingers'].off,
     'no easing': Change({'reentry_rate': 1000.}),
     'no outlier gate': Change({'outlier_gate': 0.}),
     'no exchange of labels': Change({'swap_margin': 0.}),

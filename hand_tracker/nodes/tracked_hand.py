@@ -31,7 +31,7 @@ from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.diagnostics import Level, Status
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
-from ..tracking.exchange_search import label_check
+from ..tracking.exchange_search import exchange_check_for
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
 from ..tracking.stream import (
@@ -238,7 +238,7 @@ class TrackedHand:
     def _check_exchange(self) -> None:
         """Check the labels of the markers in the frames to come, where they have any."""
         self._monitor.check_exchange(
-            None if self.labels_points else label_check(self._tracker))
+            None if self.labels_points else exchange_check_for(self._tracker))
 
     def _warn_of_usual_shape(self) -> None:
         warning = usual_shape_warning(self.hand, self._tracker.layout)

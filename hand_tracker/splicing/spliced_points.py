@@ -11,6 +11,7 @@ import numpy as np
 from ..calibration.hand_axes import SAMPLED_FRAMES
 from ..calibration.known_layouts import HAND_SPAN
 from ..core.numerics.rigid_fit import nearest_rotation
+from ..core.numerics.sampling import every_few
 from ..files.point_recording import PointRecording, unique_labels
 from ..files.skeleton_motion import HandAngles, joint_centres, resampled_hand
 from .body_skeleton import SkeletonError
@@ -54,7 +55,7 @@ def is_body_of_markers(recording: PointRecording) -> bool:
     wrists = [i for i, label in enumerate(recording.labels) if _wrist_of(label)]
     if not wrists:
         return False
-    some = recording.points[::max(len(recording.points) // SAMPLED_FRAMES, 1)]
+    some = every_few(recording.points, SAMPLED_FRAMES)
     apart = np.linalg.norm(some[:, :, None] - some[:, None, wrists], axis=3)
     nearest = np.where(np.isfinite(apart), apart, np.inf).min(axis=2)
     is_seen = np.isfinite(nearest)

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.least_squares import evenly_spaced
 from ..calibration.size import fit_size
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced
 from .label_confirmation import are_confirmed
 from .point_labels import hand_prototype
 
@@ -106,8 +106,7 @@ class AutoSize:
             self._due.pop(0)
             self._is_estimating = True
             frames = np.array(self._kept)
-            clouds = [self._clouds[i] for i in evenly_spaced(len(self._clouds), CHECKED_CLOUDS)
-                      ] if self._clouds else []
+            clouds = [self._clouds[i] for i in evenly_spaced(len(self._clouds), CHECKED_CLOUDS)]
             if self._in_background:
                 Thread(target=self._fit, args=(frames, clouds), name='fit size',
                        daemon=True).start()

@@ -36,8 +36,8 @@ UNTRUSTING = TrackerOptions(
     frozen_frames=0, palm_stretch=10., palm_shrink=.01, palm_flatness=.01)
 
 
-def label_check(tracker: HandTracker) -> ExchangeCheck | ExchangeSearch:
-    """Return what finds exchanged labels of a tracker's layout."""
+def exchange_check_for(tracker: HandTracker) -> ExchangeCheck | ExchangeSearch:
+    """Return what finds the exchanged labels of a tracker's layout."""
     digits = [_digit(place) for place in tracker.layout.places]
     if all(digits.count(digit) > 1 for digit in DIGITS):
         return ExchangeSearch(tracker)

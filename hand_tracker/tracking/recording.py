@@ -30,7 +30,7 @@ from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
-from .exchange_search import label_check
+from .exchange_search import exchange_check_for
 from .monitor import Monitor
 from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
@@ -202,7 +202,7 @@ class RecordedHand:
         if monitor is not None:
             monitor.check_side(tracker.hand, tracker.layout)
             if reading.has_labels:
-                monitor.check_exchange(label_check(tracker))
+                monitor.check_exchange(exchange_check_for(tracker))
 
     @property
     def learns_size(self) -> bool:

@@ -13,7 +13,7 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import exchange_search
 from hand_tracker.tracking.exchange_check import ExchangeCheck
-from hand_tracker.tracking.exchange_search import ExchangeSearch, exchanges, label_check
+from hand_tracker.tracking.exchange_search import ExchangeSearch, exchange_check_for, exchanges
 
 pytestmark = pytest.mark.skipif(not JIT_IS_ON, reason='nothing is searched in plain Python')
 SEVERAL = ('dfki13', 'optitrack_hand', 'sig18_19', 'kyutech23')
@@ -124,7 +124,7 @@ def test_what_cannot_be_judged_is_not():
 
 
 def test_layouts_are_searched_where_several_markers_show_each_digit():
-    kinds = {name: type(label_check(HandTracker(layout=preset_layout(name))))
+    kinds = {name: type(exchange_check_for(HandTracker(layout=preset_layout(name))))
              for name in LAYOUT_NAMES}
     assert {name for name in SEVERAL if kinds[name] is ExchangeSearch} == set(SEVERAL)
     assert kinds['paper8'] is kinds['tips5_palm3'] is ExchangeCheck

@@ -148,14 +148,22 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
         np.zeros(5, dtype=bool), aside, roll, advance,
         (aside == 0.) & (roll == 0.) & (advance == 0.)))
-    # Without a measured flexion this finds `start`.
-    override_coupling(pack, np.full(5, np.nan), pack)
+    find_starts(pack)
     return found
 
 
 def reach(chains: Chains) -> np.ndarray:
     """Return how far each digit's marker can be from the root of its chain, shape (5,) [m]."""
     return np.hypot(chains.length, chains.lateral)
+
+
+@jit
+def find_starts(chains: Pack[Chains]) -> None:
+    """Find the `start` of the digits whose marker is on their last bone."""
+    chains = chains[0]
+    for digit in range(5):
+        if chains.hinges[digit] == 3:
+            chains.start[digit] = straightest(linkage_of(chains, digit))
 
 
 @jit
@@ -184,7 +192,9 @@ def override_coupling(chains: Pack[Chains], distal_flexion: np.ndarray,
         measured.coupling_spread[digit] = spread
         measured.coupling[digit, 0] = slope
         measured.coupling[digit, 1] = offset
-        measured.start[digit] = straightest(linkage_of(measured, digit))
+        measured.start[digit] = (
+            straightest(linkage_of(measured, digit)) if known and chains.hinges[digit] == 3
+            else chains.start[digit])
 
 
 @jit

@@ -16,9 +16,10 @@ from ..numerics.stack_memory import local_floats
 from .clutter import Cloud, Clutter, continue_clutter
 from .hand_track import (
     ASTRAY_DISTANCE,
-    BIRTHS,
     CLUTTER_RANGE,
+    LEAST_ARRIVALS,
     LEAST_FOLLOWED,
+    MOST_ARRIVALS,
     HandTrack,
     coming_cost,
     place_again,
@@ -568,7 +569,7 @@ def _count_arrivals(track: HandTrack, cloud: Cloud, step: float) -> int:
                 cloud.points[j, k] - track.finding.position[k]) < CLUTTER_RANGE
         coming += 1. if near else 0.
     track.arrivals[0] += min(step / CLUTTER_TIME, 1.) * (coming - track.arrivals[0])
-    track.arrivals[0] = min(max(track.arrivals[0], BIRTHS[0]), BIRTHS[2])
+    track.arrivals[0] = min(max(track.arrivals[0], LEAST_ARRIVALS), MOST_ARRIVALS)
     return come
 
 

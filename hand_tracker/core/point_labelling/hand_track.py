@@ -21,7 +21,8 @@ ASTRAY_DISTANCE = 4.        # gate: implausible posture, distance relative to th
 LEAST_FOLLOWED = .3         # share of seen markers below which a hand is lost
 RELABELLING_PERIOD = .05    # [s] between two relabellings
 SEARCH_PERIOD = .3          # [s] between two searches for the palm elsewhere
-BIRTHS = .005, .1, 10.       # new points near a hand in a frame: least, initial, most; ours
+# New points near a hand in a frame; ours.
+LEAST_ARRIVALS, INITIAL_ARRIVALS, MOST_ARRIVALS = .005, .1, 10.
 
 
 class Returns(NamedTuple):
@@ -168,8 +169,8 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
         np.zeros((count, count)), np.full((count, 3), np.nan),
-        np.zeros((count, count)), np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, BIRTHS[1]),
-        np.zeros(1), np.zeros(1),
+        np.zeros((count, count)), np.zeros(1), np.zeros(1), np.zeros(1),
+        np.full(1, INITIAL_ARRIVALS), np.zeros(1), np.zeros(1),
         # The first labels are checked soon.
         np.full(1, RELABELLING_PERIOD), np.full(1, SEARCH_PERIOD), np.zeros(1, dtype=np.int64))
     loaded_or_plain(start_places)(prototype, points, track)

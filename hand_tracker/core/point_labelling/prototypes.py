@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import InvalidLayout
 from ..model.hand import LEFT_HAND_MIRROR, OTHER_SIDE
 from ..numerics.rigid_fit import nearest_rotation
+from ..numerics.sampling import evenly_spaced
 from .bending import bending, outward_markers
 
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
@@ -185,7 +186,7 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     if len(whole) < MIN_LEARNED_FRAMES:
         raise InvalidLayout(f'{len(whole)} frames with all of the {len(names)} markers; at least '
                             f'{MIN_LEARNED_FRAMES} are needed to learn how to tell them apart')
-    whole = whole[np.unique(np.linspace(0, len(whole) - 1, LEARNED_FRAMES).astype(int))]
+    whole = whole[evenly_spaced(len(whole), LEARNED_FRAMES)]
     digit = np.array(digits)
     palm = np.flatnonzero(digit < 0).tolist()
     template, local = _aligned(whole, palm)
