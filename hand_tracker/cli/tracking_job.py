@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import combinations
 from typing import Any, Protocol
 
 from ..core.model.hand import Hand
@@ -141,6 +142,8 @@ class TrackingJob:
                 self.say(self._whose(side) + note)
             recorded[side] = RecordedHand(
                 tracker, reading, monitor, self._learns_size, point_labels, sizes.get(side))
+        for one, other in combinations(self._monitors.values(), 2):
+            one.pair_with(other)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             if not self.tracked:

@@ -97,6 +97,8 @@ class TrackedHand:
         Whether markers come as points without usable labels.
     display : HandDisplay
     services : HandServices
+    other : TrackedHand or None
+        The other hand, where both are tracked.
     """
 
     def __init__(self, node: TrackerNode, start: Mapping[str, Any], scope: str,
@@ -118,6 +120,7 @@ class TrackedHand:
         declare(node, self._rows)
         self.settings = self._settings_of(self.hand, self._values())
         self._topic = ''
+        self.other: TrackedHand | None = None
         self._monitor = Monitor(time.monotonic(), self._topic, self.settings.labels)
         self._has_new_settings = False
         self._new_hand: tuple[Hand, MarkerLayout] | None = None
@@ -162,6 +165,8 @@ class TrackedHand:
         if self.labels_points:
             self._warn_of_usual_shape()
         self._check_exchange()
+        if self.other is not None:
+            self._monitor.pair_with(self.other._monitor)
 
     # Frames
 
@@ -405,6 +410,7 @@ class TrackedHand:
         self._monitor.set_labelling(self.stream.awaits_labelling, self.stream.why_not_found)
         lines = (*self.stream.pop_log_lines(), *self.services.pop_log_lines(),
                  *self._monitor.log_lines(time.monotonic(), self._who_publishes))
+        self.stream.judge_labels(self._monitor.labels_are_right)
         if self._monitor.needs_each_frame:
             self._node.disable_fast_path()
         for is_warning, line in lines:

@@ -97,6 +97,8 @@ class TrackerNode(SubscriptionHidingNode):
 
         if start['side'] == BOTH:
             self.hands, groups, is_separate = self._both_hands(start)
+            right, left = self.hands
+            right.other, left.other = left, right
         else:
             self.hands = TrackedHand(self, start, '', self._serialization, self._qos),
             groups, is_separate = {'markers': self.hands}, False

@@ -18,7 +18,7 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck
 
-SEARCHED_FRAMES = 6
+SEARCHED_FRAMES, MOST_FRAMES = 6, 30    # in which an exchange is tried, and of a search
 # Fall of the residuals' sum that an exchange needs on average. Of captured and simulated hands no
 # exchange of right labels gains anything, and the right one of exchanged labels 28 mm at least,
 # also where the hand's size is not known. Ours.
@@ -26,10 +26,11 @@ LEAST_FALL = .015       # [m]
 USUAL_RESIDUAL = .0025  # [m] of a marker of a measured hand, at most; ours
 # Sum of the residuals beyond it, of the markers that an exchange touches, from which it is tried.
 LEAST_EXCESS = .010     # [m]; ours
+EXCESS_SPREAD = .1      # share by which that sum differs from pose to pose; ours
 LARGEST_RESIDUAL = .010     # [m] mean, after an exchange: another hand never fits; ours
 UNSOLVED = 1.           # [m] residual where the markers are no hand's
 SOLVED_AT_ONCE = 10     # exchanges tried after a frame, about 4 ms; ours
-SEARCH_PAUSE = 10.      # [s] from a search to the next
+SEARCH_PAUSE = 5.       # [s] from a search to the next, while the residuals stay as they are
 # Each frame alone, by the labels as they are.
 UNTRUSTING = TrackerOptions(
     smoothing=False, angle_filter=False, rigidity=False, outlier_gate=0., swap_margin=0.,
@@ -52,7 +53,8 @@ def _digit(place: str) -> str:
 def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
     """Return the exchanges of labels that people make.
 
-    Those of two markers of the palm, of one finger or of the same joint, and those of two digits.
+    Those of two markers of the palm, of one finger or of the same joint, and those of two digits,
+    also with their knuckles.
 
     Returns
     -------
@@ -61,13 +63,16 @@ def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
     """
     names = [place.split('_') for place in layout.places]
     digits = [_digit(place) for place in layout.places]
+    fingers = [name[0] for name in names]   # with their knuckles
     found = [{i: j, j: i} for i, j in combinations(range(len(names)), 2)
-             if digits[i] == digits[j] or names[i][0] == names[j][0]
+             if digits[i] == digits[j] or fingers[i] == fingers[j]
              or names[i][-1] == names[j][-1]]
-    rows = [[row for row, digit in enumerate(digits) if digit == name] for name in DIGITS]
-    for one, other in combinations(rows, 2):
-        if len(one) == len(other) > 1:
-            found.append({**dict(zip(one, other)), **dict(zip(other, one))})
+    for kind in (digits, fingers):
+        rows = [[row for row, digit in enumerate(kind) if digit == name] for name in DIGITS]
+        for one, other in combinations(rows, 2):
+            exchange = {**dict(zip(one, other)), **dict(zip(other, one))}
+            if len(one) == len(other) > 1 and exchange not in found:
+                found.append(exchange)
     return found
 
 
@@ -86,6 +91,7 @@ class ExchangeSearch:
         self._exchanges = exchanges(layout)
         self._orders = np.array([[exchange.get(row, row) for row in range(len(layout.names))]
                                  for exchange in self._exchanges])
+        self._moved = self._orders != np.arange(len(layout.names))
         digits = np.array([_digit(place) for place in layout.places])
         # Markers whose residuals an exchange may lower: all, where the palm is placed by others.
         self._touched = np.array([
@@ -101,11 +107,12 @@ class ExchangeSearch:
         self._last, self._resumed = -math.inf, -math.inf   # [s]
         self._places = np.full((self._orders.shape[1], 3), math.inf)
         self._doubted = math.inf    # [m] sum of the residuals where an exchange was found
+        self._excess: list[float] = []  # [m] sum of that of the residuals, in the last search
         self._begin_search()
 
     def _begin_search(self) -> None:
         self._frames = self._fitting = 0
-        self._fall, self._residual = np.zeros((2, len(self._exchanges)))
+        self._tried, self._fall, self._residual = np.zeros((3, len(self._exchanges)))
         self._alive = np.arange(len(self._exchanges))
         self._markers: np.ndarray | None = None     # of the frame under search
         self._untried: list[int] = []
@@ -138,6 +145,7 @@ class ExchangeSearch:
             return {}
         for which in self._untried[:SOLVED_AT_ONCE]:
             residuals = self._residuals(self._markers[self._orders[which]])
+            self._tried[which] += 1.
             self._fall[which] += self._present - np.nansum(residuals)
             self._residual[which] += np.nanmean(residuals)
         del self._untried[:SOLVED_AT_ONCE]
@@ -148,7 +156,7 @@ class ExchangeSearch:
 
         No exchange is tried where none can lower the residuals by enough.
         """
-        if (0. <= time - self._last < LEAST_STEP or time < self._resumed
+        if (0. <= time - self._last < LEAST_STEP
                 or state.palm is not PalmState.TRACKED):
             return False
         places = (state.markers - state.wrist_position) @ state.wrist_rotation
@@ -156,18 +164,29 @@ class ExchangeSearch:
             return False
         self._last, self._places = time, places
         excess = np.maximum(np.nan_to_num(state.residuals) - USUAL_RESIDUAL, 0.)
-        within_reach = self._touched @ excess >= LEAST_EXCESS
-        untried = self._alive[within_reach[self._alive]].tolist()
+        alive = self._alive[self._touched[self._alive] @ excess >= LEAST_EXCESS]
+        total, seen = float(excess.sum()), are_seen(state.marker_states)
+        if not len(alive):
+            return True
         # As they came: two that the tracker has exchanged are exchanged back.
         put_right = np.flatnonzero(state.marker_states == MarkerState.SWAPPED)
-        if untried and len(put_right) in (0, 2):
-            self._markers = np.where(
-                are_seen(state.marker_states)[:, None], state.markers, np.nan)
-            self._markers[put_right] = self._markers[put_right[::-1]]
-            self._present = float(np.nansum(self._residuals(self._markers)))
-            self._untried = untried
-            self._alive = np.array(untried)
-        return not untried or self._markers is not None
+        # A marker that is not seen tells nothing of its label.
+        untried = alive[(seen | ~self._moved[alive]).all(axis=1)].tolist()
+        if self._is_paused(time, total) or not untried or len(put_right) not in (0, 2):
+            return False
+        self._markers = np.where(seen[:, None], state.markers, np.nan)
+        self._markers[put_right] = self._markers[put_right[::-1]]
+        self._present = float(np.nansum(self._residuals(self._markers)))
+        self._untried, self._alive = untried, alive
+        self._excess = [*self._excess * (self._frames > 0), total]
+        return True
+
+    def _is_paused(self, time: float, excess: float) -> bool:
+        """Return whether a search ended a while ago, and the residuals are as they were in it."""
+        if self._frames or not time < self._resumed:
+            return False
+        margin = LEAST_FALL + EXCESS_SPREAD * max(self._excess)
+        return min(self._excess) - margin < excess < max(self._excess) + margin
 
     def _residuals(self, markers: np.ndarray) -> np.ndarray:
         """Return the distances of the markers from a hand that is solved from this frame alone."""
@@ -186,14 +205,16 @@ class ExchangeSearch:
         """Drop the exchanges that gain nothing; return the verdict once enough is tried."""
         self._markers, self._fitting = None, 0
         self._frames += 1
-        self._alive = self._alive[
-            (self._fall[self._alive] >= self._frames * LEAST_FALL)
-            & (self._residual[self._alive] <= self._frames * LARGEST_RESIDUAL)]
-        if len(self._alive) and self._frames < SEARCHED_FRAMES:
+        alive, tried = self._alive, self._tried[self._alive]
+        alive = alive[(self._fall[alive] >= tried * LEAST_FALL)
+                      & (self._residual[alive] <= tried * LARGEST_RESIDUAL)]
+        self._alive, tried = alive, self._tried[alive]
+        best = int((self._fall[alive] / np.maximum(tried, 1.)).argmax()) if len(alive) else -1
+        if len(alive) and tried[best] < SEARCHED_FRAMES and self._frames < MOST_FRAMES:
             return None
         found: dict[int, int] | None = None
-        if len(self._alive):
-            found = self._exchanges[self._alive[self._fall[self._alive].argmax()]]
+        if len(alive) and tried[best] >= SEARCHED_FRAMES:
+            found = self._exchanges[alive[best]]
             self._doubted = self._present
         elif self._present <= self._doubted - LEAST_FALL:
             found = {}  # else the hand may only be in a pose in which no exchange fits

@@ -82,6 +82,8 @@ class FitCheck:
         self.far_off_for = min(max(round(
             self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
         if residual <= BAD_FIT_RESIDUAL:
+            if self.far_off_for >= FAR_OFF_AFTER:
+                self._seconds = self._total = 0.    # those frames were of other labels
             self.far_off_for = 0.
         if self.far_off_for in (0., OFF_HAND_AFTER):
             self.is_off = self.far_off_for > 0.
@@ -94,6 +96,10 @@ class FitCheck:
             self._total += step * residual
             self._recent += (1. - math.exp(-step / RECENT_TIME)) * (residual - self._recent)
         self._last = now
+
+    def leave_out(self) -> None:
+        """Count the hand as far off for long enough, as when another one tells so, too."""
+        self.far_off_for, self.is_off = OFF_HAND_AFTER, True
 
     def judge(self) -> float | None:
         """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""

@@ -20,7 +20,7 @@ from ..core.tracker import HandState
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import NO_STAMP, Stamp, Time, is_repeated, seconds
-from .fit_check import BAD_FIT_RESIDUAL, OFF_HAND_DISTANCE, FitCheck
+from .fit_check import BAD_FIT_RESIDUAL, FAR_OFF_AFTER, OFF_HAND_DISTANCE, FitCheck
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter, OncePerKey
 from .setting_names import PARAMETER_NAMES, SettingNames
@@ -37,6 +37,7 @@ STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
 SLOW_LABELLING = 'most frames are left out until the kernels that label points are compiled'
 
+SIDES_EXCHANGED = 'left and right exchanged, as neither hand fits'
 FAR_AWAY = 'its markers are more than a kilometre away'
 PALM_FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
@@ -86,6 +87,8 @@ class InputMonitor:
         Size of the hand in words, where it was learned from its markers.
     awaits_labelling, why_not_found
         As of `Stream`.
+    other_hand : InputMonitor or None
+        Of the other hand of one person.
     fit : FitCheck
     events : MarkerEvents
     """
@@ -102,12 +105,14 @@ class InputMonitor:
         self._started: float | None = None
         self._fault: str | None = None
         self.fit = FitCheck()
+        self.other_hand: InputMonitor | None = None
         self._announced: PalmState | str | None = None
         self._has_tracked = False
         self._stamp = NO_STAMP
         self._standing = 0
         self.bends_away_from: str | None = None
         self.label_doubt: str | None = None
+        self._doubts = 0    # that were over
         self.learned_size = ''
         self.awaits_labelling, self.why_not_found = False, ''
         self._limiter = LogRateLimiter()
@@ -198,17 +203,22 @@ class InputMonitor:
         is_tracked = palm is PalmState.TRACKED
         self.fit.add(now, mean_residual(state.residuals), is_tracked,
                      is_of_side=self.bends_away_from is None)
+        if self.fit.far_off_for >= FAR_OFF_AFTER and self._is_other_hand_off:
+            self.fit.leave_out()
         self.events.update(now, state.marker_states, is_tracked)
 
     def exchanged(self, rather: Mapping[int, int]) -> None:
         """Note which markers are rather others, as of `ExchangeCheck.add`, until noted anew."""
         names = self.labels.names
+        if not rather and self.label_doubt is not None:
+            self._doubts += 1   # the same may be said again
         self.label_doubt = None
         if rather:
             places = ', '.join(f'{self._expected([slot])} stays where {names[other]} should be'
                                for slot, other in rather.items())
             self.label_doubt = f'labels look exchanged: {places}'
-            self.warn_once(('exchanged', places), f'{self.label_doubt}; check {self.names.labels}')
+            self.warn_once(('exchanged', places, self._doubts),
+                           f'{self.label_doubt}; check {self.names.labels}')
 
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""
@@ -395,10 +405,17 @@ class InputMonitor:
 
     def _why_off(self, miss: float) -> str:
         if self.label_doubt is not None:
-            return f'{self.label_doubt}; check {self.names.labels}'
+            return f'{self.label_doubt} ({self.names.labels})'
         unit = f'unit ({self.names.scale}), ' if miss > WRONG_UNIT else ''
-        return (f'wrong {unit}side, labels, layout or hand size (a hand file says it: '
+        sides = f'{SIDES_EXCHANGED}, or ' if self._is_other_hand_off else ''
+        return (f'{sides}wrong {unit}side, labels, layout or hand size (a hand file says it: '
                 f'{self.names.hand})' + (f', or {other}' if (other := self._other_person) else ''))
+
+    @property
+    def _is_other_hand_off(self) -> bool:
+        other = self.other_hand
+        return other is not None and (
+            other.bends_away_from is not None or other.fit.residual > OFF_HAND_DISTANCE)
 
     @property
     def _other_person(self) -> str:
@@ -417,6 +434,8 @@ class InputMonitor:
             return (f'the fingers bend away from the palm of a {side} hand, which is left out: '
                     f'{self.label_doubt}; check {self.names.labels}')
         both = self._frame is not None and len(self._frame.doubled) > 1
+        if self._is_other_hand_off:
+            return f'{side_fault(side, self.names)}; or {SIDES_EXCHANGED}'
         return side_fault(side, self.names) + (
             f'; markers of both hands are told apart with {self.names.side.format(BOTH)}'
             if both else '')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -157,28 +158,37 @@ class Monitor:
     names
     label_fault : str or None
         Why the labels of the source are of no use.
+    labels_are_right : bool or None
+        Whether none look exchanged, as far as that is known.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,
                  names: SettingNames = PARAMETER_NAMES) -> None:
         self.names = names
         self.label_fault: str | None = None
+        self.labels_are_right: bool | None = None
         self._input = InputMonitor(now, topic, labels, names)
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names), labels.not_of)
         self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
+        self._new_side_check: Callable[[], SideCheck] | None = None
         self._exchange_check: ExchangeCheck | ExchangeSearch | None = None
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
-        self._side_check = SideCheck(hand.side, layout.principal)
+        self._new_side_check = partial(SideCheck, hand.side, layout.principal)
+        self._side_check = self._new_side_check()
+
+    def pair_with(self, other: Monitor) -> None:
+        """Take another monitor for that of the person's other hand, and this for its."""
+        self._input.other_hand, other._input.other_hand = other._input, self._input
 
     def check_exchange(self, check: ExchangeCheck | ExchangeSearch | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
         self._exchange_check = check
-        self._input.exchanged({})
+        self._forget_exchange()
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
@@ -347,11 +357,20 @@ class Monitor:
                 isinstance(check, ExchangeCheck) and self._input.is_wrong):
             return
         rather = check.add(*self._last)
-        if rather is not None:
-            self._input.exchanged(rather)
+        if rather is None:
+            return
+        if self.labels_are_right is False and not rather and self._new_side_check is not None:
+            # Exchanged labels of the palm looked like a hand of the other side.
+            self._side_check, self._input.bends_away_from = self._new_side_check(), None
+        self.labels_are_right = not rather
+        self._input.exchanged(rather)
 
     def _begin_exchange_check(self) -> None:
         """Check the labels anew, as if no frame had come yet."""
         if self._exchange_check is not None:
             self._exchange_check.begin()
+        self._forget_exchange()
+
+    def _forget_exchange(self) -> None:
+        self.labels_are_right = None
         self._input.exchanged({})

@@ -231,6 +231,7 @@ class RecordedHand:
             return None
         if monitor is not None:
             monitor.add(judged, now)
+            stream.judge_labels(monitor.labels_are_right)
         if not judged.is_valid:
             return None
         return RecordedFrame(

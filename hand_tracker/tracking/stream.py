@@ -188,6 +188,7 @@ class Stream:
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._is_sized = False
+        self._labels_are_right: bool | None = None
         self._blends = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
@@ -298,7 +299,8 @@ class Stream:
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
             tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
             tracker.hand.limits)
-        if self._auto_size is not None and self._auto_size.is_learning:
+        if (self._auto_size is not None and self._auto_size.is_learning
+                and self._labels_are_right is not False):
             # With exchanged labels that the tracker has put right.
             is_swapped = (state.marker_states == MarkerState.SWAPPED)[:, None]
             self._learn_size(np.where(is_swapped, state.markers, markers.positions), time)
@@ -357,6 +359,13 @@ class Stream:
         if self._is_sized:
             self._take_size(self._auto_size.hand)
             self._is_sized = False
+
+    def judge_labels(self, are_right: bool | None) -> None:
+        """Learn no size by exchanged labels, as of `Monitor`; forget what they may have told."""
+        before, self._labels_are_right = self._labels_are_right, are_right
+        if are_right is False and before is not False and (
+                before is None or self.size == 'learning'):
+            self.learn_size_anew()
 
     @property
     def needs_each_frame(self) -> bool:

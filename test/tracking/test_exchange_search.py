@@ -107,6 +107,27 @@ def test_labels_that_are_right_again_are_said_to_be():
     assert found[0] == {one: other, other: one} and found[-1] == {}
 
 
+def test_labels_exchanged_in_the_middle_are_named_though_the_hand_is_not_measured():
+    one, other = rows_at(KYUTECH, 'ring_tip', 'little_tip')
+    frames = simulated(Hand.scaled(.21, .1), KYUTECH, seconds=10.)
+    half = len(frames) // 2
+    frames[half:] = with_exchanged(frames[half:], {one: other, other: one})
+    named = [(time, verdict) for time, verdict in verdicts(frames, RATE, Hand.scaled(), KYUTECH)
+             if verdict]
+    assert named[0][1] == {one: other, other: one} and named[0][0] < 5. + 3.
+
+
+def test_whole_fingers_are_exchanged_with_their_knuckles_or_without():
+    hand = Hand.scaled()
+    for joints in (('pip', 'dip', 'tip'), ('mcp', 'pip', 'dip', 'tip')):
+        rows = [rows_at(KYUTECH, *(f'{finger}_{joint}' for joint in joints))
+                for finger in ('index', 'middle')]
+        exchange = {**dict(zip(*rows)), **dict(zip(*rows[::-1]))}
+        (time, verdict), *_ = verdicts(
+            with_exchanged(simulated(hand, KYUTECH), exchange), RATE, hand, KYUTECH)
+        assert verdict == exchange and time < 3.
+
+
 def test_what_cannot_be_judged_is_not():
     hand = Hand.scaled()
     tracker = HandTracker(hand, KYUTECH)

@@ -1,5 +1,7 @@
 """The monitor in front of logs and diagnostics: single frames and batches of the fast path."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.frames import RESTING, ZERO_STAMP, frame, hidden, state_of
@@ -226,6 +228,38 @@ def test_exchanged_labels_are_said_once_with_the_cure_until_others_are_set():
     assert status(found, 81.)[:2] == fine and look(82.)[0] is Level.WARN
     found.check_exchange(None)
     assert status(found, 122.)[:2] == fine == look(122.)
+
+
+def test_both_hands_that_do_not_fit_may_be_exchanged():
+    right, left = monitor(), monitor()
+    right.pair_with(left)
+    far = state_of()._replace(residuals=np.full(8, .05))
+    said = {True: [], False: []}
+    for number in range(120):
+        now = .05 * number
+        # The left hand fits again after three seconds.
+        for one, state in ((right, far), (left, far if now < 3. else state_of())):
+            one.update(batch([now], (now, state)))
+            said[one is right] += [line for line in logged(one, now) if 'left out' in line]
+            if one is right:
+                # Sooner than one alone, and no longer than it does not fit.
+                assert one.is_wrong is (now >= .5)
+    assert not left.is_wrong
+    assert all('left and right exchanged, as neither hand fits, or wrong side' in line
+               for line, in said.values())
+    assert 'exchanged' not in status(right, now)[1] and 'left out' in status(right, now)[1]
+
+
+def test_labels_that_are_exchanged_again_are_said_again():
+    found = monitor()
+    verdicts = iter([{3: 4, 4: 3}, None, {3: 4, 4: 3}, {}, None, {3: 4, 4: 3}])
+    found.check_exchange(SimpleNamespace(add=lambda *_: next(verdicts), begin=lambda: None))
+    said = []
+    for now, expected in enumerate([False, False, False, True, True, False]):
+        found.update(single(float(now)))
+        said += [line for line in logged(found, float(now)) if 'exchanged' in line]
+        assert found.labels_are_right is expected
+    assert len(said) == 2
 
 
 def test_what_is_wrong_with_the_palm_is_forgotten_where_another_recording_begins():

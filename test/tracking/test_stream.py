@@ -213,6 +213,26 @@ def test_the_size_is_learned_by_labels_that_were_put_right():
     assert np.abs(learned[1] - learned[0]).max() < 1e-3
 
 
+def test_no_size_is_learned_by_labels_that_look_exchanged():
+    hand, period = Hand.scaled(.205, .095), .01
+    angles, *wrist = motion_named('demo', hand, 14).sample(np.arange(0., 14., period))
+    positions = markers_of(hand, angles, None, *wrist)
+    mean, sizes = Hand.scaled(), []
+    stream = Stream(HandTracker(mean), Reader(), AutoSize(mean, MarkerLayout()))
+    for number, frame in enumerate(positions):
+        now = number * period
+        stream.judge_labels(None if now < 2. else now >= 4.)
+        stream.track([markers(stamp_of(round(1e9 * (1. + now))))
+                      ._replace(positions=frame)], 2., no_receipt)
+        sizes.append((stream.size, np.array_equal(
+            stream.tracker.hand.finger_bones, mean.finger_bones)))
+    # What was learned before is forgotten, as it may be of those labels; then all begins anew.
+    assert sizes[190] == ('learning', False) and set(sizes[201:400]) == {('learning', True)}
+    assert sizes[-1] == ('learned', False)
+    stream.judge_labels(False)  # of labels that were right before
+    assert stream.size == 'learned'
+
+
 @pytest.mark.parametrize('are_right', [True, False])
 def test_points_are_labelled_by_the_size_that_was_learned_from_right_labels(
         are_right, monkeypatch):
