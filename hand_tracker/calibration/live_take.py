@@ -161,15 +161,17 @@ class LiveTake:
         """Return whether every movement was shown, or the time is over."""
         return coverage.is_complete or self.is_over
 
-    def end_lines(self, coverage: Coverage) -> list[tuple[bool, str]]:
+    def end_lines(self, coverage: Coverage,
+                  has_stopped: bool = False) -> list[tuple[bool, str]]:
         """Return the lines to log when the take has ended, each with whether it is a warning.
 
-        The last line says what is done next.
+        The last line says what is done next; `has_stopped` is whether no marker comes any more.
         """
         lines = [(False, f'fitting a hand to {self.seconds:.0f} s')]
         if missing := coverage.missing():
-            lines.insert(0, (
-                True, f'{self.seconds:.0f} s are over; not shown: {"; ".join(missing)}'))
+            why = ('no marker comes any more' if has_stopped else
+                   f'{self.seconds:.0f} s are over')
+            lines.insert(0, (True, f'{why}; not shown: {"; ".join(missing)}'))
         return lines
 
     def take(self) -> MarkerTake:

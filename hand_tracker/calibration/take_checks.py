@@ -54,8 +54,8 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
     missing = [name for name in KNUCKLES if name not in there and not gathered.usual]
     if missing or len(gathered.of(-1)) < 3:
         raise InvalidTake(f'{named}: it has {", ".join(there) or "no markers of a hand"}; expected '
-                          'at least wrist, index_mcp and little_mcp, or '
-                          f'--layout{layout_hint(takes[0].names)}')
+                          'at least wrist, index_mcp and little_mcp, or a '
+                          f'--layout that names them{layout_hint(takes[0].names)}')
     _check_size(named, gathered)
     gathered, palm = split_palm(gathered)
     worn = worn_names(gathered.markers, palm.held)

@@ -229,7 +229,7 @@ def refuse_file_options(options: argparse.Namespace, path: Path) -> None:
 
 
 def refuse_labels_of_points(options: argparse.Namespace, path: Path) -> None:
-    """Refuse labels of markers in MarkerArrays, which points of a file have not.
+    """Refuse options that say which markers MarkerArrays have, where a file names its points.
 
     Raises
     ------

@@ -29,7 +29,8 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
-from ..tracking.stream import LearnedSize, unobserved_note
+from ..tracking.stream import LearnedSize
+from ..tracking.unobserved_note import unobserved_note
 from .recording_options import hand_notes, recorded_hands, recorded_reading
 
 LEARNING_SPAN = 60.  # [s] from the first tracked frame that a size is learned from, at most
@@ -168,9 +169,11 @@ class TrackingJob:
     def _learned_sizes(self) -> dict[str, LearnedSize | None]:
         """Return the sizes that the recording tells, so that all its frames are tracked by them."""
         point_labels = PointLabels()
-        hands = {side: RecordedHand(HandTracker(tracker.hand, tracker.layout), reading, None, True,
-                                    point_labels)
-                 for side, (tracker, reading) in self._hands.items()}
+        hands = {side: RecordedHand(
+            HandTracker(tracker.hand, tracker.layout), reading,
+            # It judges the labels; its lines come with the frames that are written.
+            Monitor(1e-9 * self._bag.start, self._topic, reading.labels), True, point_labels)
+            for side, (tracker, reading) in self._hands.items()}
         until = math.inf
         for message in self._messages():
             tracked = [hand.track(message) for hand in hands.values()]

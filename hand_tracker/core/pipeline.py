@@ -544,11 +544,11 @@ def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     write_markers(markers, seen, state.palm, state.digits, state.wrist, model.mirror, report)
     write_marker_states(seen, state.verdict, state.palm, state.digits,
                         options.prediction.max_prediction_time, report)
-    if not model.rows.is_needed[0]:
-        write_residuals(seen, model.mounting, report)
-    else:
+    if model.rows.is_needed[0]:
         write_rows(model.rows, state.rows, options.prediction.max_prediction_time, model.mirror,
                    report)
+    else:
+        write_residuals(seen, model.mounting, report)
     write_deviation(chains, model.mounting, state.palm, state.digits, state.rows.deviation,
                     state.offset, state.wrist.placed[0] > 0, report)
     report.palm[0], report.iterations[0] = palm, iterations

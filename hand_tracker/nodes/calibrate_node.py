@@ -82,7 +82,8 @@ class CalibrateNode(Node):
         self._block = Block(sys.stdout) if sys.stdout.isatty() else None
         self._said = ''
         self._has_ended = Event()
-        self._first: float | None = None    # message, when it came [s]
+        self._first: float | None = None    # message of the hand, when it came [s]
+        self._has_stopped = False   # that such messages come
         self._max_duration = values['max_duration']
         self._coverage = self._take.coverage()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', STATUS_DEPTH)
@@ -98,21 +99,22 @@ class CalibrateNode(Node):
         Raises
         ------
         InvalidTake
-            If the take is refused, or no more of it is wanted.
+            If the take is refused, or the node is interrupted.
         OutputError
             If the files cannot be written.
         """
         try:
             self._calibrate()
         except (KeyboardInterrupt, ExternalShutdownException):
-            raise InvalidTake(f'interrupted: {self._output} is not written') from None
+            raise InvalidTake(f'interrupted: {self._output} is as it was, or without its '
+                              'picture') from None
 
     def _calibrate(self) -> None:
         with spinning(self):
             while not self._has_ended.wait(POLL):
                 if not rclpy.ok():
                     raise ExternalShutdownException
-        for is_warning, line in self._take.end_lines(self._coverage):
+        for is_warning, line in self._take.end_lines(self._coverage, self._has_stopped):
             log_line(self, is_warning, line)
         self._publish(line, {})
         try:
@@ -126,13 +128,13 @@ class CalibrateNode(Node):
         if self._has_ended.is_set():
             return
         received = time.monotonic()
-        if self._first is None:
-            self._first = received
         frame = read_or_warn(self._reader, message, self._monitor.received_unreadable)
         if frame is None:
             return
         self._monitor.received(received, frame)
         if frame.stamp is not None:
+            if self._first is None:
+                self._first = received
             at = self._time.of(frame.stamp, seconds(self._now()))
             self._take.add(frame.positions, at)
             self._check_side(frame.positions, at)
@@ -165,9 +167,10 @@ class CalibrateNode(Node):
             self.get_logger().info(coverage.text)
         # The stamps of markers that no longer come tell no time.
         now = time.monotonic()
-        has_stopped = (self._first is not None and now - self._first >= self._max_duration
-                       and self._monitor.quiet_for(now) > SILENT_AFTER)
-        if has_stopped or self._take.has_ended(coverage):
+        self._has_stopped = (
+            self._first is not None and now - self._first >= self._max_duration
+            and self._monitor.quiet_for(now) > SILENT_AFTER)
+        if self._has_stopped or self._take.has_ended(coverage):
             self._has_ended.set()
 
     def _publish(self, text: str, shares: dict[str, str]) -> None:

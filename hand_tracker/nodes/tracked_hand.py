@@ -39,8 +39,8 @@ from ..tracking.stream import (
     Stream,
     TrackedFrame,
     read_or_warn,
-    unobserved_note,
 )
+from ..tracking.unobserved_note import unobserved_note
 from .hand_display import HandDisplay
 from .hand_services import HandServices
 from .runner import declare, log_line, names_of
@@ -411,7 +411,7 @@ class TrackedHand:
         lines = (*self.stream.pop_log_lines(), *self.services.pop_log_lines(),
                  *self._monitor.log_lines(time.monotonic(), self._who_publishes))
         self.stream.judge_labels(self._monitor.labels_are_right)
-        if self._monitor.needs_each_frame:
+        if self.needs_each_frame:
             self._node.disable_fast_path()
         for is_warning, line in lines:
             # One of both hands is named.

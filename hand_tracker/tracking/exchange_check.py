@@ -20,11 +20,10 @@ from ..core.tracker import HandState
 REVIEWED_FRAMES = 30    # that are judged together
 LEAST_STEP = .08        # [s] between two of them: a node's fast path shows a frame every 0.1 s
 LEAST_MOVE = .002       # [m] of a digit between two of them: a pose that is held is but one
-# Other labels are named if they are better by so much on average, and in most frames: so many of
-# captures and of simulated motions never were where the labels are right, and 98 % of them are
-# where two are exchanged. More than two need more. Ours.
+# Other labels are named if they are better by so much on average, and in most frames: in 30 of
+# captures and of simulated motions right labels never look exchanged, two that are in 98 %. Ours.
 LEAST_GAIN = 1.         # [variances]
-FURTHER_GAIN = .6       # [variances]
+FURTHER_GAIN = .6       # [variances] more, where more than two digits are exchanged
 BETTER_SHARE = .9
 MOST_GAIN = 30.         # of one frame
 MOVES_MANY = (DIGIT_PERMUTATIONS != np.arange(len(DIGITS))).sum(axis=1) > 2

@@ -14,10 +14,12 @@ import numpy as np
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
 from ..core.model.states import MarkerState, PalmState, are_seen
+from ..core.numerics.jit import JIT_IS_ON
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck
 
+JOINT_ORDER = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'tip'
 SEARCHED_FRAMES, MOST_FRAMES = 6, 30    # in which an exchange is tried, and of a search
 # Fall of the residuals' sum that an exchange needs on average. Of captured and simulated hands no
 # exchange of right labels gains anything, and the right one of exchanged labels 28 mm at least,
@@ -40,7 +42,7 @@ UNTRUSTING = TrackerOptions(
 def exchange_check_for(tracker: HandTracker) -> ExchangeCheck | ExchangeSearch:
     """Return what finds the exchanged labels of a tracker's layout."""
     digits = [_digit(place) for place in tracker.layout.places]
-    if all(digits.count(digit) > 1 for digit in DIGITS):
+    if JIT_IS_ON and all(digits.count(digit) > 1 for digit in DIGITS):
         return ExchangeSearch(tracker)
     return ExchangeCheck(tracker.hand, tracker.layout)
 
@@ -68,7 +70,8 @@ def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
              if digits[i] == digits[j] or fingers[i] == fingers[j]
              or names[i][-1] == names[j][-1]]
     for kind in (digits, fingers):
-        rows = [[row for row, digit in enumerate(kind) if digit == name] for name in DIGITS]
+        rows = [sorted((row for row, digit in enumerate(kind) if digit == name),
+                       key=lambda row: JOINT_ORDER.index(names[row][-1])) for name in DIGITS]
         for one, other in combinations(rows, 2):
             exchange = {**dict(zip(one, other)), **dict(zip(other, one))}
             if len(one) == len(other) > 1 and exchange not in found:
@@ -112,7 +115,9 @@ class ExchangeSearch:
 
     def _begin_search(self) -> None:
         self._frames = self._fitting = 0
-        self._tried, self._fall, self._residual = np.zeros((3, len(self._exchanges)))
+        # Of each exchange: frames, and sums over them [m].
+        self._tried, self._falls, self._means = np.zeros((3, len(self._exchanges)))
+        self._present, self._total = 0., 0.     # sum of the residuals, and of all frames [m]
         self._alive = np.arange(len(self._exchanges))
         self._markers: np.ndarray | None = None     # of the frame under search
         self._untried: list[int] = []
@@ -142,12 +147,13 @@ class ExchangeSearch:
             if self._fitting < SEARCHED_FRAMES:
                 return None
             self._begin_search()
+            self._doubted = math.inf
             return {}
         for which in self._untried[:SOLVED_AT_ONCE]:
             residuals = self._residuals(self._markers[self._orders[which]])
             self._tried[which] += 1.
-            self._fall[which] += self._present - np.nansum(residuals)
-            self._residual[which] += np.nanmean(residuals)
+            self._falls[which] += self._present - np.nansum(residuals)
+            self._means[which] += np.nanmean(residuals)
         del self._untried[:SOLVED_AT_ONCE]
         return None if self._untried else self._judge(time)
 
@@ -172,11 +178,13 @@ class ExchangeSearch:
         put_right = np.flatnonzero(state.marker_states == MarkerState.SWAPPED)
         # A marker that is not seen tells nothing of its label.
         untried = alive[(seen | ~self._moved[alive]).all(axis=1)].tolist()
+        self._fitting = 0
         if self._is_paused(time, total) or not untried or len(put_right) not in (0, 2):
             return False
         self._markers = np.where(seen[:, None], state.markers, np.nan)
         self._markers[put_right] = self._markers[put_right[::-1]]
         self._present = float(np.nansum(self._residuals(self._markers)))
+        self._total += self._present
         self._untried, self._alive = untried, alive
         self._excess = [*self._excess * (self._frames > 0), total]
         return True
@@ -206,18 +214,19 @@ class ExchangeSearch:
         self._markers, self._fitting = None, 0
         self._frames += 1
         alive, tried = self._alive, self._tried[self._alive]
-        alive = alive[(self._fall[alive] >= tried * LEAST_FALL)
-                      & (self._residual[alive] <= tried * LARGEST_RESIDUAL)]
+        alive = alive[(self._falls[alive] >= tried * LEAST_FALL)
+                      & (self._means[alive] <= tried * LARGEST_RESIDUAL)]
         self._alive, tried = alive, self._tried[alive]
-        best = int((self._fall[alive] / np.maximum(tried, 1.)).argmax()) if len(alive) else -1
+        best = int((self._falls[alive] / np.maximum(tried, 1.)).argmax()) if len(alive) else -1
         if len(alive) and tried[best] < SEARCHED_FRAMES and self._frames < MOST_FRAMES:
             return None
         found: dict[int, int] | None = None
         if len(alive) and tried[best] >= SEARCHED_FRAMES:
             found = self._exchanges[alive[best]]
-            self._doubted = self._present
-        elif self._present <= self._doubted - LEAST_FALL:
-            found = {}  # else the hand may only be in a pose in which no exchange fits
+            self._doubted = self._total / self._frames
+        elif self._total / self._frames <= self._doubted - LEAST_FALL:
+            # Else the hand may only be in a pose in which no exchange fits.
+            found, self._doubted = {}, math.inf
         self._begin_search()
         self._resumed = time + SEARCH_PAUSE
         return found

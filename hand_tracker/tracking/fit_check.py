@@ -53,6 +53,7 @@ class FitCheck:
         self._frames = 0
         self._last: float | None = None
         self._seconds = self._total = self._recent = 0.
+        self._near_seconds = self._near_total = self._near_mean = 0.
 
     def add(self, now: float, residual: float, is_tracked: bool, is_of_side: bool) -> None:
         """Add a frame.
@@ -82,8 +83,6 @@ class FitCheck:
         self.far_off_for = min(max(round(
             self.far_off_for + (step if self._was_far_off else -step), 9), 0.), OFF_HAND_AFTER)
         if residual <= BAD_FIT_RESIDUAL:
-            if self.far_off_for >= FAR_OFF_AFTER:
-                self._seconds = self._total = 0.    # those frames were of other labels
             self.far_off_for = 0.
         if self.far_off_for in (0., OFF_HAND_AFTER):
             self.is_off = self.far_off_for > 0.
@@ -94,6 +93,9 @@ class FitCheck:
             step = min(now - self._last, FIT_STEP)
             self._seconds += step
             self._total += step * residual
+            if residual <= OFF_HAND_DISTANCE:   # else of other labels, or of no such hand
+                self._near_seconds += step
+                self._near_total += step * residual
             self._recent += (1. - math.exp(-step / RECENT_TIME)) * (residual - self._recent)
         self._last = now
 
@@ -102,7 +104,10 @@ class FitCheck:
         self.far_off_for, self.is_off = OFF_HAND_AFTER, True
 
     def judge(self) -> float | None:
-        """Judge the mean once enough was tracked; return it, None too early or of a misfit [m]."""
+        """Judge the mean once enough was tracked; return it, None too early or of a misfit [m].
+
+        Frames far off do not count in it, unless it is far off with them.
+        """
         miss = self._mean(REFIT_AFTER if self.is_misfit else FIT_AFTER)
         if miss is None:
             return None
@@ -116,7 +121,7 @@ class FitCheck:
             self.forget()   # that was another hand, or wrong labels, and is over
             return None
         self.misfit, self.is_misfit = miss, miss > OFF_HAND_DISTANCE
-        return miss
+        return miss if self.is_misfit else self._near_mean
 
     def end(self) -> float | None:
         """Return the mean as the input ends, None where too little was tracked [m]."""
@@ -130,5 +135,6 @@ class FitCheck:
         if self._seconds < least:
             return None
         mean = self._total / self._seconds
-        self._seconds = self._total = 0.
+        self._near_mean = self._near_total / self._near_seconds if self._near_seconds else mean
+        self._seconds = self._total = self._near_seconds = self._near_total = 0.
         return mean

@@ -203,7 +203,8 @@ class InputMonitor:
         is_tracked = palm is PalmState.TRACKED
         self.fit.add(now, mean_residual(state.residuals), is_tracked,
                      is_of_side=self.bends_away_from is None)
-        if self.fit.far_off_for >= FAR_OFF_AFTER and self._is_other_hand_off:
+        if (self.fit.far_off_for >= FAR_OFF_AFTER and self.fit.residual > OFF_HAND_DISTANCE
+                and self._is_other_hand_off):
             self.fit.leave_out()
         self.events.update(now, state.marker_states, is_tracked)
 
@@ -414,8 +415,9 @@ class InputMonitor:
     @property
     def _is_other_hand_off(self) -> bool:
         other = self.other_hand
-        return other is not None and (
-            other.bends_away_from is not None or other.fit.residual > OFF_HAND_DISTANCE)
+        return (other is not None and self._labelled - other._labelled < FAR_OFF_AFTER
+                and (other.bends_away_from is not None
+                     or other.fit.far_off_for >= FAR_OFF_AFTER))
 
     @property
     def _other_person(self) -> str:

@@ -159,7 +159,7 @@ class Monitor:
     label_fault : str or None
         Why the labels of the source are of no use.
     labels_are_right : bool or None
-        Whether none look exchanged, as far as that is known.
+        Whether none look exchanged; None while that is not known.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap,

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
-from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.model.marker_layout import MarkerLayout
 from ..core.model.states import MarkerState
 from ..core.numerics.jit import DEFERRED, LABELLING_IS_DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
@@ -68,13 +68,6 @@ def read_or_warn(reader: Reader, message: Any,
     except MalformedMessage as error:
         warn_once('malformed', f'left out is what is no message of markers: {error}')
         return None
-
-
-def unobserved_note(tracker: HandTracker) -> str:
-    """Return the note on joints that a layout other than the paper's does not show, if any."""
-    unobserved = () if tracker.layout.names == MARKERS else tracker.unobserved_joints()
-    return ('joints that these markers do not show, which follow others or stay at rest: '
-            + ', '.join(unobserved)) * bool(unobserved)
 
 
 class TrackedFrame(NamedTuple):
@@ -188,7 +181,7 @@ class Stream:
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._is_sized = False
-        self._labels_are_right: bool | None = None
+        self._labels_were_right = self._are_labels_doubted = self._forgets_size = False
         self._blends = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
@@ -283,6 +276,9 @@ class Stream:
         """
         if self._switches_kernels:
             self._use_loaded_kernels()
+        if self._forgets_size:
+            self._forgets_size = False
+            self.learn_size_anew()
         markers = message if isinstance(message, MarkerFrame) else self.reader.read(message)
         if markers.stamp is None:
             return markers
@@ -300,7 +296,7 @@ class Stream:
             tracker.placed, stamped is not None and distal_flexion is None, tracker.restarted,
             tracker.hand.limits)
         if (self._auto_size is not None and self._auto_size.is_learning
-                and self._labels_are_right is not False):
+                and not self._are_labels_doubted):
             # With exchanged labels that the tracker has put right.
             is_swapped = (state.marker_states == MarkerState.SWAPPED)[:, None]
             self._learn_size(np.where(is_swapped, state.markers, markers.positions), time)
@@ -335,6 +331,7 @@ class Stream:
         """Begin with a size that was learned from these markers before; learn no other."""
         assert self._auto_size is not None
         self._auto_size.stop()
+        self._labels_were_right = True
         self.tracker.configure(size.hand)
         if size.is_confirmed and isinstance(self.reader, PointLabelReader):
             self.reader.replace_hand(size.hand)
@@ -361,16 +358,20 @@ class Stream:
             self._is_sized = False
 
     def judge_labels(self, are_right: bool | None) -> None:
-        """Learn no size by exchanged labels, as of `Monitor`; forget what they may have told."""
-        before, self._labels_are_right = self._labels_are_right, are_right
-        if are_right is False and before is not False and (
-                before is None or self.size == 'learning'):
-            self.learn_size_anew()
+        """Learn no size by exchanged labels, as of `Monitor`; forget what they may have told.
+
+        That is done with the next frame, which has to come to `track`.
+        """
+        is_news = are_right is False and not self._are_labels_doubted
+        self._are_labels_doubted = are_right is False
+        self._labels_were_right |= are_right is True
+        self._forgets_size |= is_news and (not self._labels_were_right or self.size == 'learning')
 
     @property
     def needs_each_frame(self) -> bool:
         """Whether `track` must see every frame: to label, learn the size, collect or blend in."""
-        return (isinstance(self.reader, PointLabelReader) or self.size == 'learning'
+        is_learning = self.size == 'learning' and not self._are_labels_doubted
+        return (isinstance(self.reader, PointLabelReader) or is_learning or self._forgets_size
                 or self.take is not None or self._blends)
 
     def replace_hand(self, hand: Hand, layout: MarkerLayout,

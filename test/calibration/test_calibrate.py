@@ -203,13 +203,13 @@ def test_joints_that_a_camera_estimates_are_no_markers_on_the_skin(tmp_path, cap
 
 
 def test_a_ruler_that_contradicts_the_markers_is_named_where_no_hand_fits(tmp_path, capsys):
-    take, _ = simulated_take(Hand.scaled(.205, .094), EVERY_JOINT, seconds=8.)
-    path = written(tmp_path / 'take.npz', take)
-    assert main([str(path), '-o', str(tmp_path / 'a.yaml'), '--hand-length', '160',
-                 '--hand-breadth', '72']) in (0, 1)
+    take, _ = simulated_take(Hand.scaled(.205, .094), WORN_PLACES, seconds=10.)
+    path, output = written(tmp_path / 'take.npz', take), tmp_path / 'hand.yaml'
+    assert main([str(path), '-o', str(output), '--hand-length', '150',
+                 '--hand-breadth', '70']) == 1
     said = capsys.readouterr().err
-    assert 'by the ruler' in said and ('Or is a length by the ruler wrong?' in said) is (
-        not (tmp_path / 'a.yaml').exists())
+    assert '150 mm by the ruler' in said and not output.exists()
+    assert said.endswith('did a marker slip? Or is a length by the ruler wrong?\n')
 
 
 def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):

@@ -128,6 +128,18 @@ def test_whole_fingers_are_exchanged_with_their_knuckles_or_without():
         assert verdict == exchange and time < 3.
 
 
+def test_digits_are_exchanged_joint_by_joint_in_whatever_order_they_are_listed():
+    order = [*range(23)]
+    order[7:10] = order[9:6:-1]     # the middle finger, from its tip
+    layout = KYUTECH.in_order([KYUTECH.names[row] for row in order])
+    for exchange in exchanges(layout):
+        if len(exchange) == 6:
+            joints = {layout.places[row].split('_')[1] == layout.places[other].split('_')[1]
+                      for row, other in exchange.items() if 'thumb' not in (
+                          layout.places[row].split('_')[0], layout.places[other].split('_')[0])}
+            assert joints <= {True}
+
+
 def test_what_cannot_be_judged_is_not():
     hand = Hand.scaled()
     tracker = HandTracker(hand, KYUTECH)

@@ -243,11 +243,42 @@ def test_both_hands_that_do_not_fit_may_be_exchanged():
             said[one is right] += [line for line in logged(one, now) if 'left out' in line]
             if one is right:
                 # Sooner than one alone, and no longer than it does not fit.
-                assert one.is_wrong is (now >= .5)
+                assert one.is_wrong is (number > 10)
     assert not left.is_wrong
     assert all('left and right exchanged, as neither hand fits, or wrong side' in line
                for line, in said.values())
     assert 'exchanged' not in status(right, now)[1] and 'left out' in status(right, now)[1]
+
+
+def test_a_hand_that_fits_again_is_not_left_out_for_the_other_s_sake():
+    right, left = monitor(), monitor()
+    right.pair_with(left)
+    far, near = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.05, .008))
+    for number in range(120):
+        now = .05 * number
+        right.update(batch([now], (now, far if now < 1. else near)))
+        left.update(batch([now], (now, far)))
+    assert left.is_wrong and not right.is_wrong
+
+
+def test_spells_far_off_the_hand_are_a_misfit_though_frames_between_them_fit():
+    found = monitor()
+    far, near = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.04, .004))
+    for number in range(400):
+        now = .05 * number
+        found.update(batch([now], (now, near if number % 20 < 2 else far)))
+        logged(found, now)
+    assert found.is_wrong
+
+
+def test_a_hand_that_was_far_off_for_a_while_needs_no_hand_file():
+    found, lines = monitor(), []
+    far, near = (state_of()._replace(residuals=np.full(8, miss)) for miss in (.05, .001))
+    for number in range(400):
+        now = .05 * number
+        found.update(batch([now], (now, far if 40 <= number < 75 else near)))
+        lines += logged(found, now)
+    assert not any('hand file' in line for line in lines)
 
 
 def test_labels_that_are_exchanged_again_are_said_again():

@@ -26,8 +26,8 @@ from hand_tracker.tracking.stream import (
     UNNAMED_FRAME,
     FrameTime,
     Stream,
-    unobserved_note,
 )
+from hand_tracker.tracking.unobserved_note import unobserved_note
 
 UNSET = Stamp(0, 0)
 STAMP = Stamp(5, 0)
