@@ -34,12 +34,7 @@ from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.exchange_search import exchange_check_for
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels, usual_shape_warning
-from ..tracking.stream import (
-    UNNAMED_FRAME,
-    Stream,
-    TrackedFrame,
-    read_or_warn,
-)
+from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from ..tracking.unobserved_note import unobserved_note
 from .hand_display import HandDisplay
 from .hand_services import HandServices

@@ -115,9 +115,9 @@ class ExchangeSearch:
 
     def _begin_search(self) -> None:
         self._frames = self._fitting = 0
-        # Of each exchange: frames, and sums over them [m].
-        self._tried, self._falls, self._means = np.zeros((3, len(self._exchanges)))
-        self._present, self._total = 0., 0.     # sum of the residuals, and of all frames [m]
+        # Of each exchange: frames, and sums over them of the fall and of the mean residual [m].
+        self._tried, self._falls, self._residual_sums = np.zeros((3, len(self._exchanges)))
+        self._present = self._total = 0.    # [m] sum of the residuals, of a frame and of all
         self._alive = np.arange(len(self._exchanges))
         self._markers: np.ndarray | None = None     # of the frame under search
         self._untried: list[int] = []
@@ -153,7 +153,7 @@ class ExchangeSearch:
             residuals = self._residuals(self._markers[self._orders[which]])
             self._tried[which] += 1.
             self._falls[which] += self._present - np.nansum(residuals)
-            self._means[which] += np.nanmean(residuals)
+            self._residual_sums[which] += np.nanmean(residuals)
         del self._untried[:SOLVED_AT_ONCE]
         return None if self._untried else self._judge(time)
 
@@ -215,7 +215,7 @@ class ExchangeSearch:
         self._frames += 1
         alive, tried = self._alive, self._tried[self._alive]
         alive = alive[(self._falls[alive] >= tried * LEAST_FALL)
-                      & (self._means[alive] <= tried * LARGEST_RESIDUAL)]
+                      & (self._residual_sums[alive] <= tried * LARGEST_RESIDUAL)]
         self._alive, tried = alive, self._tried[alive]
         best = int((self._falls[alive] / np.maximum(tried, 1.)).argmax()) if len(alive) else -1
         if len(alive) and tried[best] < SEARCHED_FRAMES and self._frames < MOST_FRAMES:
@@ -224,7 +224,7 @@ class ExchangeSearch:
         if len(alive) and tried[best] >= SEARCHED_FRAMES:
             found = self._exchanges[alive[best]]
             self._doubted = self._total / self._frames
-        elif self._total / self._frames <= self._doubted - LEAST_FALL:
+        elif not len(alive) and self._total / self._frames <= self._doubted - LEAST_FALL:
             # Else the hand may only be in a pose in which no exchange fits.
             found, self._doubted = {}, math.inf
         self._begin_search()

@@ -21,12 +21,7 @@ from hand_tracker.tracking import auto_size as auto_size_module
 from hand_tracker.tracking import stream as module
 from hand_tracker.tracking.auto_size import AutoSize
 from hand_tracker.tracking.point_labels import SEARCHED_LONG, PointLabelReader, PointLabels
-from hand_tracker.tracking.stream import (
-    BLEND_TIME,
-    UNNAMED_FRAME,
-    FrameTime,
-    Stream,
-)
+from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 from hand_tracker.tracking.unobserved_note import unobserved_note
 
 UNSET = Stamp(0, 0)
