@@ -15,6 +15,7 @@ MAX_DURATION = 120.   # [s] of a take
 MOST_STEP = 1.        # [s] that counts of a pause between two frames
 UNSEEN_FRAMES = 60    # last ones in which a marker has to be seen now and then
 LEAST_SEEN_NOW = .2   # share of those
+STOPPED_AFTER = 3.    # [s] without a marker after which none counts as coming any more
 # Keys of /diagnostics: what to do next, or this where there is no calibration; share of a prompt.
 CALIBRATION_KEY, NO_CALIBRATION = 'calibration', 'off'
 SHARE_KEY = 'calibration {} [%]'
@@ -118,9 +119,11 @@ class LiveTake:
         self._frames: list[np.ndarray] = []
         self._shares = np.zeros(len(PROMPTS))
         self._last: float | None = None
+        self._received: tuple[float, float] | None = None   # when the first and the last came [s]
         self._since_kept = 1. / TAKE_RATE
 
-    def add(self, markers: np.ndarray, time: float | None) -> None:
+    def add(self, markers: np.ndarray, time: float | None,
+            received: float | None = None) -> None:
         """Take a frame.
 
         Parameters
@@ -129,9 +132,14 @@ class LiveTake:
             NaN where not seen [m].
         time : float or None
             Of the frame; one without a time is left out [s].
+        received : float, optional
+            When it came, on a clock that never jumps [s].
         """
         if time is None:
             return
+        if received is not None:
+            first = received if self._received is None else self._received[0]
+            self._received = first, received
         # Time may jump back, as where a recording begins again.
         step = 0. if self._last is None else min(max(time - self._last, 0.), MOST_STEP)
         self._last = time
@@ -157,20 +165,28 @@ class LiveTake:
         """Whether the take has its greatest duration."""
         return self.seconds >= self._max_duration
 
-    def has_ended(self, coverage: Coverage) -> bool:
-        """Return whether every movement was shown, or the time is over."""
-        return coverage.is_complete or self.is_over
+    def has_stopped(self, now: float) -> bool:
+        """Return whether the time is over at `now` [s], as of `add`, and no marker comes.
 
-    def end_lines(self, coverage: Coverage,
-                  has_stopped: bool = False) -> list[tuple[bool, str]]:
+        The stamps of markers that no longer come tell no time.
+        """
+        if self._received is None:
+            return False
+        first, last = self._received
+        return now - first >= self._max_duration and now - last > STOPPED_AFTER
+
+    def has_ended(self, coverage: Coverage, now: float | None = None) -> bool:
+        """Return whether every movement was shown, or the time is over; `now` as of `add` [s]."""
+        return coverage.is_complete or self.is_over or now is not None and self.has_stopped(now)
+
+    def end_lines(self, coverage: Coverage) -> list[tuple[bool, str]]:
         """Return the lines to log when the take has ended, each with whether it is a warning.
 
-        The last line says what is done next; `has_stopped` is whether no marker comes any more.
+        The last line says what is done next.
         """
         lines = [(False, f'fitting a hand to {self.seconds:.0f} s')]
         if missing := coverage.missing():
-            why = ('no marker comes any more' if has_stopped else
-                   f'{self.seconds:.0f} s are over')
+            why = f'{self.seconds:.0f} s are over' if self.is_over else 'no marker comes any more'
             lines.insert(0, (True, f'{why}; not shown: {"; ".join(missing)}'))
         return lines
 

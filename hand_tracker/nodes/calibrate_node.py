@@ -30,7 +30,7 @@ from ..messages.stamps import seconds
 from ..output_files import YAML_SUFFIXES, OutputError, require_writable
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
-from ..tracking.input_monitor import SILENT_AFTER, InputMonitor
+from ..tracking.input_monitor import InputMonitor
 from ..tracking.side_check import SideCheck
 from ..tracking.stream import FrameTime, read_or_warn
 from .executors import steady_clock
@@ -82,9 +82,6 @@ class CalibrateNode(Node):
         self._block = Block(sys.stdout) if sys.stdout.isatty() else None
         self._said = ''
         self._has_ended = Event()
-        self._first: float | None = None    # message of the hand, when it came [s]
-        self._has_stopped = False   # that such messages come
-        self._max_duration = values['max_duration']
         self._coverage = self._take.coverage()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', STATUS_DEPTH)
         self._subscription = self.create_subscription(
@@ -114,7 +111,7 @@ class CalibrateNode(Node):
             while not self._has_ended.wait(POLL):
                 if not rclpy.ok():
                     raise ExternalShutdownException
-        for is_warning, line in self._take.end_lines(self._coverage, self._has_stopped):
+        for is_warning, line in self._take.end_lines(self._coverage):
             log_line(self, is_warning, line)
         self._publish(line, {})
         try:
@@ -133,10 +130,8 @@ class CalibrateNode(Node):
             return
         self._monitor.received(received, frame)
         if frame.stamp is not None:
-            if self._first is None:
-                self._first = received
             at = self._time.of(frame.stamp, seconds(self._now()))
-            self._take.add(frame.positions, at)
+            self._take.add(frame.positions, at, received)
             self._check_side(frame.positions, at)
 
     def _check_side(self, positions: np.ndarray, at: float | None) -> None:
@@ -165,12 +160,7 @@ class CalibrateNode(Node):
         elif coverage.text != self._said:
             self._said = coverage.text
             self.get_logger().info(coverage.text)
-        # The stamps of markers that no longer come tell no time.
-        now = time.monotonic()
-        self._has_stopped = (
-            self._first is not None and now - self._first >= self._max_duration
-            and self._monitor.quiet_for(now) > SILENT_AFTER)
-        if self._has_stopped or self._take.has_ended(coverage):
+        if self._take.has_ended(coverage, time.monotonic()):
             self._has_ended.set()
 
     def _publish(self, text: str, shares: dict[str, str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,7 +121,7 @@ class HandServices:
     def update(self) -> bool:
         """Go on with a calibration, a few times a second; return whether it has changed."""
         is_collecting, before = self._calibration.take is not None, self.progress()
-        written = self._calibration.update()
+        written = self._calibration.update(time.monotonic())
         if is_collecting and self._calibration.take is None:
             self._hand.collect(None)
         if written is not None:

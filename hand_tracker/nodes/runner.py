@@ -234,7 +234,7 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
     -------
     int
         Exit code: 0 at the end of the work or when interrupted by SIGINT or SIGTERM, 1 after
-        an error of the user's input, which is logged in one line.
+        an error that the work raises, as of the user's input, which is logged in one line.
     """
     return run_together({name: make_node}, work, args, ros_words_alone)
 

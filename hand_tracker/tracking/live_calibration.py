@@ -67,8 +67,13 @@ class LiveCalibration:
         """Whether a take is collected or fitted."""
         return self.take is not None or self._fit is not None
 
-    def update(self) -> Path | None:
+    def update(self, now: float | None = None) -> Path | None:
         """Go on, a few times a second.
+
+        Parameters
+        ----------
+        now : float, optional
+            On the clock of `LiveTake.add`'s receipts, to end where markers stop [s].
 
         Returns
         -------
@@ -76,7 +81,7 @@ class LiveCalibration:
             The hand file, once, when it has been written.
         """
         if self.take is not None:
-            self._collect(self.take)
+            self._collect(self.take, now)
         elif self._fit is not None and (ended := self._fit.ended()) is not None:
             self._fit = None
             done, self._text = ended
@@ -84,10 +89,10 @@ class LiveCalibration:
             return self._output if done else None
         return None
 
-    def _collect(self, take: LiveTake) -> None:
+    def _collect(self, take: LiveTake, now: float | None) -> None:
         """Update the progress of the take; begin to fit when it is complete."""
         coverage = take.coverage()
-        if not take.has_ended(coverage):
+        if not take.has_ended(coverage, now):
             if coverage.text != self._text:
                 self._text = coverage.text
                 self._log_lines.append((False, f'calibration: {self._text}'))

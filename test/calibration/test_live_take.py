@@ -91,3 +91,18 @@ def test_what_diagnostics_tell_is_read_again():
     text, shares = progress_from_diagnostics({CALIBRATION_KEY: coverage.text, **coverage.values()})
     assert text == coverage.text and list(shares) == [prompt.name for prompt in PROMPTS]
     np.testing.assert_allclose(list(shares.values()), coverage.shares, atol=.01)
+
+
+def test_a_take_is_over_where_no_marker_comes_any_more():
+    take = LiveTake(MarkerLayout(), 'right', 5.)
+    for number in range(31):
+        take.add(np.zeros((8, 3)), number / 30., 100. + number / 30.)
+    coverage = take.coverage()
+    for now, is_over in ((101., False), (104.9, False), (105., True)):
+        assert take.has_ended(coverage, now) is take.has_stopped(now) is is_over
+    assert not take.has_ended(coverage)
+    assert take.end_lines(coverage)[0][1].startswith('no marker comes any more; not shown: ')
+    # Not while they come, however slowly their stamps go on.
+    take.add(np.zeros((8, 3)), 1.1, 109.)
+    assert not take.has_ended(coverage, 110.) and take.has_ended(coverage, 112.1)
+    assert not LiveTake(MarkerLayout(), 'right', 5.).has_stopped(1e9)
