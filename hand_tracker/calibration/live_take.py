@@ -1,6 +1,7 @@
 """Take for a live calibration, collected frame by frame until every movement was shown."""
 
 from collections.abc import Mapping
+from time import monotonic
 from typing import NamedTuple
 
 import numpy as np
@@ -133,13 +134,12 @@ class LiveTake:
         time : float or None
             Of the frame; one without a time is left out [s].
         received : float, optional
-            When it came, on a clock that never jumps [s].
+            When it came, by the clock of `time.monotonic`; now when left out [s].
         """
         if time is None:
             return
-        if received is not None:
-            first = received if self._received is None else self._received[0]
-            self._received = first, received
+        received = monotonic() if received is None else received
+        self._received = received if self._received is None else self._received[0], received
         # Time may jump back, as where a recording begins again.
         step = 0. if self._last is None else min(max(time - self._last, 0.), MOST_STEP)
         self._last = time

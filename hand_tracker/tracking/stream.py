@@ -287,7 +287,7 @@ class Stream:
         time = self._time.of(markers.stamp, seconds(stamp) if stamped is None else stamped)
         tracker = self.tracker
         if self.take is not None:
-            self.take.add(markers.positions, time, received)
+            self.take.add(markers.positions, time)
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)

@@ -30,7 +30,8 @@ from .flexion import (
     MAX_SECOND_HINGE_SPEED,
     Linkage,
     NaturalFlexion,
-    aim_chain,
+    aim_end,
+    chain_end,
     chain_reach,
     coupled_angle,
     flexion_of,
@@ -275,18 +276,18 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
         linkage = Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
                           linkage.slope, linkage.offset + beyond, hinges)
     turn = chains.sign[digit] * state.angles[ABDUCTION_JOINTS[digit]]
-    along, height = in_plane(marker, turn, chains.tilt[digit])
+    target = in_plane(marker, turn, chains.tilt[digit])
     natural = natural_flexion_of(chains, digit)
     found = solved[second]
     if chains.skin[digit] > 0.:
-        found = _likely_flexion(linkage, along, height, found, natural, chains.skin[digit])
+        found = _likely_flexion(linkage, target, found, natural, chains.skin[digit])
     angle, variance = state.angles[second], state.variance[digit, 1]
     straight = chains.start[digit] if hinges == 3 else -linkage.droop
     before = angle
 
     reach_found = chain_reach(linkage, found)
     reach_before = chain_reach(linkage, angle)
-    beyond_reach = math.hypot(along, height) - reach_found
+    beyond_reach = math.hypot(target[0], target[1]) - reach_found
     begins_blind = evidence.begins and beyond_reach > BEYOND_REACH
     crossed = (angle - straight) * (found - straight) < 0.
     if crossed:
@@ -304,7 +305,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     variance = min(variance, left) if evidence.leap > 0. and not begins_blind else left
     bent = angle + found >= 2. * straight    # where one is straight, the other decides
     angle += correction
-    aim = max(aim_chain(along, height, linkage, angle)[0], natural.least)
+    aim = max(_aim(linkage, target, angle)[0], natural.least)
     usual = natural.offset + natural.slope * aim
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
@@ -317,8 +318,8 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     state.variance[digit, 1] = variance
 
     # The measurement bounds the estimate.
-    least = aim_chain(along, height, linkage, found)[1]
-    aim, miss = aim_chain(along, height, linkage, angle)
+    least = _aim(linkage, target, found)[1]
+    aim, miss = _aim(linkage, target, angle)
     excess = miss - least
     most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS) / (1. + (least / UNREACHABLE) ** 2)
     if excess > most:
@@ -327,7 +328,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
         for _ in range(BOUND_STEPS):
             share = inside + (outside - inside) * (
                 BOUND_SHARE * most - excess_inside) / (excess - excess_inside)
-            aim, miss = aim_chain(along, height, linkage, found + share * (free - found))
+            aim, miss = _aim(linkage, target, found + share * (free - found))
             if miss - least > most:
                 outside, excess = share, miss - least
             else:
@@ -335,13 +336,13 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
                 if excess_inside > (2. * BOUND_SHARE - 1.) * most:
                     break
         angle = found + inside * (free - found)
-        aim, _ = aim_chain(along, height, linkage, angle)
+        aim, _ = _aim(linkage, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step
     two_bends = straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
         # Two bends may fit alike: from one to the other without a leap.
         angle = before + math.copysign(farthest, angle - before)
-        aim, _ = aim_chain(along, height, linkage, angle)
+        aim, _ = _aim(linkage, target, angle)
     state.angles[first] = aim
     state.angles[second] = angle
     state.angles[third] = coupled_angle(linkage, angle)
@@ -361,15 +362,14 @@ def _follow_bend(chains: Chains, digit: int, before: Vector, after: Vector,
 
 
 @jit
-def _likely_flexion(linkage: Linkage, along: float, height: float, found: float,
+def _likely_flexion(linkage: Linkage, target: tuple[float, float], found: float,
                     natural: NaturalFlexion, skin: float) -> float:
     """Return the likeliest second flexion by uncertain reach and natural flexion (MAP).
 
     Parameters
     ----------
-    linkage : Linkage
-    along, height : float
-        The marker from the first hinge, in the digit's plane [m].
+    linkage, target
+        Of the digit.
     found : float
         Second flexion of exactly this reach [rad].
     natural : NaturalFlexion
@@ -381,15 +381,15 @@ def _likely_flexion(linkage: Linkage, along: float, height: float, found: float,
     float
         [rad]
     """
-    wanted = math.hypot(along, height)
+    wanted = math.hypot(target[0], target[1])
     angle = found
     for _ in range(LIKELY_STEPS):
         by_reach = _slope(linkage, angle) / skin
         shortage = (wanted - chain_reach(linkage, angle)) / skin
-        aim = aim_chain(along, height, linkage, angle)[0]
+        aim = _aim(linkage, target, angle)[0]
         # The line without its bend at `least`, which would add to the noise.
         unnatural = (natural.offset + natural.slope * aim - angle) / natural.spread
-        ahead = aim_chain(along, height, linkage, angle + SLOPE_STEP)[0]
+        ahead = _aim(linkage, target, angle + SLOPE_STEP)[0]
         by_nature = (1. - natural.slope * (ahead - aim) / SLOPE_STEP) / natural.spread
         step = (by_reach * shortage + by_nature * unnatural) / (
             by_reach * by_reach + by_nature * by_nature)
@@ -404,3 +404,12 @@ def _slope(linkage: Linkage, angle2: float) -> float:
     half = .5 * SLOPE_STEP
     return (chain_reach(linkage, angle2 + half)
             - chain_reach(linkage, angle2 - half)) / SLOPE_STEP
+
+
+@jit
+def _aim(linkage: Linkage, target: tuple[float, float],
+         angle2: float) -> tuple[float, float]:
+    """Return the first flexion to aim a chain at the target, and the end's distance from it."""
+    along, height = target
+    x, y = chain_end(linkage, angle2)
+    return aim_end(along, height, linkage, x, y)

@@ -133,13 +133,6 @@ def aim_end(along: float, height: float, linkage: Linkage, x: float,
 
 
 @jit
-def aim_chain(along: float, height: float, linkage: Linkage, angle2: float) -> tuple[float, float]:
-    """Return the first flexion to aim a chain at the target, and the end's distance from it."""
-    x, y = chain_end(linkage, angle2)
-    return aim_end(along, height, linkage, x, y)
-
-
-@jit
 def _bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion,
                previous2: float) -> float:
     """Return the cost of one of two bends, in turns of the second hinge [rad]."""
@@ -207,7 +200,8 @@ def _limit_turn(along: float, height: float, linkage: Linkage, angle1: float, an
     most = MAX_SECOND_HINGE_SPEED * step
     if abs(angle2 - previous2) > most:
         angle2 = previous2 + math.copysign(most, angle2 - previous2)
-        angle1, _ = aim_chain(along, height, linkage, angle2)
+        x, y = chain_end(linkage, angle2)
+        angle1, _ = aim_end(along, height, linkage, x, y)
     return angle1, angle2
 
 
@@ -253,7 +247,8 @@ def solve_bend(along: float, height: float, linkage: Linkage, sign: float, lower
 
     smallest = math.inf
     for edge2 in (lower2, upper2):
-        angle1, miss = aim_chain(along, height, linkage, edge2)
+        x, y = chain_end(linkage, edge2)
+        angle1, miss = aim_end(along, height, linkage, x, y)
         if miss < smallest:
             smallest = miss
             best1 = angle1
@@ -414,7 +409,8 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
         other2 = start
     elif wanted > chain_reach(linkage, lower2):
         other2 = _bend_of_reach(linkage, wanted, start, lower2)
-    other1, miss = aim_chain(along, height, linkage, other2)
+    x, y = chain_end(linkage, other2)
+    other1, miss = aim_end(along, height, linkage, x, y)
     x, y = coupled_end(linkage, angle2, angle3)
     _, flexed_miss = aim_end(along, height, linkage, x, y)
     if (_bend_cost(other1, other2, miss, natural, previous2)
