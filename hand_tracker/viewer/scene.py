@@ -90,8 +90,9 @@ class Framing:
         self.frame(self._hands)
 
     def _on_update(self, camera: 'CameraHandle') -> None:
+        placed = tuple(self._placed)    # another thread may add to them
         if camera.aspect != self._aspect and any(
-                np.allclose(camera.position, place, atol=1e-4) for place in self._placed):
+                np.allclose(camera.position, place, atol=1e-4) for place in placed):
             self.frame(self._hands)
 
 
