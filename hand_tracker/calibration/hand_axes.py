@@ -89,6 +89,11 @@ def columns_of(hands: Sequence[HandPoints], side: str) -> dict[str, int]:
     return {**by_side.get('', {}), **by_side.get(side, {})}
 
 
+def sided_hand(hands: Sequence[HandPoints], side: str | None) -> HandPoints | None:
+    """Return the first hand whose labels name a side, this one if it is given."""
+    return next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
+
+
 def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     """Return the probability of a right hand by its shape, .5 where that is undecided.
 

@@ -18,7 +18,7 @@ from ..core.model.marker_layout import (
 )
 from ..files.point_recording import PointRecording
 from ..messages.labels import shown_labels
-from .hand_axes import HandPoints, columns_of, hands_of
+from .hand_axes import HandPoints, columns_of, hands_of, sided_hand
 from .known_layouts import complete_layout
 from .layout_labels import labelled_layout, point_names
 from .worn_markers import WORN_LANDMARKS
@@ -155,7 +155,7 @@ def _hand_of(recording: PointRecording, side: str | None) -> HandPoints:
     """Return the hand of a side, with the points whose labels name no side."""
     hands = hands_of(recording)
     both = columns_of(hands, '')
-    best = next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
+    best = sided_hand(hands, side)
     if best is None or len(both) > len(best.columns):
         return HandPoints('', both)
     return HandPoints(best.side, columns_of(hands, best.side))

@@ -14,7 +14,7 @@ from ..core.numerics.sampling import every_few
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
 from .cloud_side import likely_side
 from .cloud_size import nameless_columns
-from .hand_axes import HandPoints, hands_of, likelier_unit, side_likelihood
+from .hand_axes import HandPoints, columns_of, hands_of, likelier_unit, side_likelihood
 from .layout_labels import labelled_layout, point_names
 
 LEAST_LIKELIHOOD = .2      # of layouts that are listed
@@ -58,10 +58,10 @@ def likely_layouts(recording: PointRecording) -> list[LikelyLayout]:
         have in common, times that of the side; where there are no names, the share of frames
         with as many points as the layout has markers, together within a hand's size.
     """
-    hands = {hand.side: hand.columns for hand in hands_of(recording)}
-    shared = hands.get('', {})
-    likelihoods = {side: _right_likelihood(recording, HandPoints(side, {
-        **shared, **hands.get(side, {})})) for side in ('', *SIDES)}
+    labelled = hands_of(recording)
+    hands = {hand.side: hand.columns for hand in labelled}
+    likelihoods = {side: _right_likelihood(recording, HandPoints(side, columns_of(labelled, side)))
+                   for side in ('', *SIDES)}
     found: dict[tuple[str, str], LikelyLayout] = {}
     for name, match in _matches(recording, hands):
         if not match.side and any(len(hands.get(side, ())) > 2 for side in SIDES):

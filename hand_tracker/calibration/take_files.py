@@ -12,7 +12,14 @@ from ..core.model.marker_layout import MarkerLayout
 from ..files.npz_file import checked_points, named_fields, open_arrays, without_points
 from ..files.point_recording import PointRecording
 from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
-from .hand_axes import HandPoints, columns_of, hands_of, names_other_hand, side_likelihood
+from .hand_axes import (
+    HandPoints,
+    columns_of,
+    hands_of,
+    names_other_hand,
+    side_likelihood,
+    sided_hand,
+)
 from .hand_markers import choose_markers, labelled_column, marker_points
 from .layout_names import layout_hint, layout_named, names_in_layout
 from .marker_names import UsualPlace, canonical_name, identify
@@ -139,7 +146,8 @@ def _named_columns(recording: PointRecording, side: str | None,
                    names: Mapping[str, str]) -> tuple[dict[str, int], str]:
     """Return the columns of a hand's markers by landmark or place, and the side of its labels."""
     hands = hands_of(recording)
-    own_side = next((hand.side for hand in hands if hand.side and side in (None, hand.side)), '')
+    own = sided_hand(hands, side)
+    own_side = own.side if own else ''
     columns = columns_of(hands, own_side)
     for marker, label in names.items():
         named = labelled_column(recording, marker, label)

@@ -20,6 +20,7 @@ from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.numerics.sampling import evenly_spaced
 from ..core.point_labelling.cloud_labeller import CloudLabeller
 from ..core.point_labelling.natural_poses import ANYBODY, FITTED, model_prototype
 from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
@@ -196,7 +197,7 @@ def prototype_of_others(others: Sequence[NamedMarkers], side: str) -> HandProtot
     """
     size = float(np.mean([one.palm_size for one in others]))
     count = min(len(one.points) for one in others)
-    frames = [one.points[np.linspace(0, len(one.points) - 1, count).astype(int)]
+    frames = [one.points[evenly_spaced(len(one.points), count)]
               * (size / one.palm_size) * (1. if one.side == side else LEFT_HAND_MIRROR)
               for one in others]
     # Interleaved, as `learn_prototype` takes every so many.

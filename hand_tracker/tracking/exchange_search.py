@@ -12,14 +12,13 @@ from itertools import combinations
 import numpy as np
 
 from ..core.model.hand import DIGITS, Hand
-from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
+from ..core.model.marker_layout import ALL_LANDMARKS, PALM_LANDMARKS, MarkerLayout
 from ..core.model.states import MarkerState, PalmState, are_seen
 from ..core.numerics.jit import JIT_IS_ON
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck
 
-JOINT_ORDER = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'tip'
 SEARCHED_FRAMES, MOST_FRAMES = 6, 30    # in which an exchange is tried, and of a search
 # Fall of the residuals' sum that an exchange needs on average. Of captured and simulated hands no
 # exchange of right labels gains anything, and the right one of exchanged labels 28 mm at least,
@@ -71,7 +70,7 @@ def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
              or names[i][-1] == names[j][-1]]
     for kind in (digits, fingers):
         rows = [sorted((row for row, digit in enumerate(kind) if digit == name),
-                       key=lambda row: JOINT_ORDER.index(names[row][-1])) for name in DIGITS]
+                       key=lambda row: ALL_LANDMARKS.index(layout.places[row])) for name in DIGITS]
         for one, other in combinations(rows, 2):
             exchange = {**dict(zip(one, other)), **dict(zip(other, one))}
             if len(one) == len(other) > 1 and exchange not in found:
@@ -123,21 +122,7 @@ class ExchangeSearch:
         self._untried: list[int] = []
 
     def add(self, state: HandState, time: float | None) -> dict[int, int] | None:
-        """Note a frame; return which markers are rather others, once that is known.
-
-        Parameters
-        ----------
-        state : HandState
-            Not every frame's need be given.
-        time : float or None
-            Of the frame [s].
-
-        Returns
-        -------
-        dict of int to int, or None
-            Row of each marker, and of the one that it rather is; empty where the labels are the
-            best; None where that is not clear, or not enough frames have come.
-        """
+        """Note a frame; return which markers are rather others, as of `ExchangeCheck.add`."""
         if time is None or not math.isfinite(time) or not self._tracker.is_compiled:
             return None
         if self._markers is None and not self._takes(state, time):
