@@ -40,7 +40,7 @@ from ..tracking.point_bag import MarkerChoice, PointBag
 from ..tracking.setting_names import in_parameters
 from .executors import steady_clock
 from .parameters import Parameter
-from .runner import declare, run, spinning
+from .runner import declare, run, spinning, work_in_thread
 
 try:
     from rosbag2_interfaces import srv
@@ -173,9 +173,8 @@ class ReplayNode(Node):
                 self.get_logger().info(
                     f'Playing {bag.path}: {bag.duration * 1e-9:.1f} s of {", ".join(outputs)}'
                     + (', paused' if playback.paused else ''))
-                with closing(read_ahead(
-                        self._messages(bag, outputs, start, lap), READ_AHEAD)) as messages:
-                    playback.play(messages, self._publish)
+                work_in_thread(lambda: self._publish_all(playback, self._messages(
+                    bag, outputs, start, lap)), playback.close)
             for output in outputs.values():
                 output.publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIME))
             self.get_logger().info('Played to the end')
@@ -204,6 +203,10 @@ class ReplayNode(Node):
             except HandTrackerError as error:
                 raise BagError(in_parameters(str(error))) from error
             yield bag
+
+    def _publish_all(self, playback: Playback, messages: Iterator[ReplayedMessage]) -> None:
+        with closing(read_ahead(messages, READ_AHEAD)) as ahead:
+            playback.play(ahead, self._publish)
 
     def _publish(self, message: ReplayedMessage, due: int) -> None:
         data = restamp(message.data, message.stamps, due) if message.stamps else message.data

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from itertools import takewhile
+from queue import SimpleQueue
 from threading import Event, Thread, main_thread
 from typing import Any
 
@@ -212,6 +213,41 @@ def spinning(*nodes: Node) -> Iterator[None]:
             raise faults[0] from None
 
 
+def work_in_thread(work: Callable[[], object], stop: Callable[[], object]) -> None:
+    """Let a thread work while the main one waits, and tell it to stop when that is interrupted.
+
+    An interrupt may be raised where the main thread has just taken a lock, which would stay
+    taken: what shares locks with other threads works in one that no signal interrupts.
+
+    Parameters
+    ----------
+    work : callable
+        What it raises is raised here.
+    stop : callable
+        Makes `work` end; also called where it has ended.
+    """
+    ended: SimpleQueue[BaseException | None] = SimpleQueue()
+
+    def attempt() -> None:
+        fault = None
+        try:
+            work()
+        except BaseException as error:
+            fault = error
+        # Twice, as an interrupt may take the main thread away from what it has just got.
+        ended.put(fault)
+        ended.put(fault)
+
+    Thread(target=attempt, daemon=True).start()
+    try:
+        ended.get()
+    finally:
+        stop()
+        fault = ended.get()
+    if fault:
+        raise fault
+
+
 def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         args: list[str] | None = None, name: str = 'hand_tracker',
         ros_words_alone: bool = True) -> int:
@@ -408,6 +444,7 @@ def _leave(number: int, frame: Any) -> None:
 def _interrupt(number: int, frame: Any) -> None:
     # A second Ctrl-C must not cut the way out short.
     _handle_interrupts(signal.SIG_IGN)
+    _end_in_time()
     raise KeyboardInterrupt
 
 

@@ -130,13 +130,13 @@ class Playback:
             return self._played > played
 
     def close(self) -> None:
-        """End every `play_next` that waits for the next item."""
+        """End `play`, and every `play_next` that waits for the next item."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     def play(self, items: Iterable[Timed], put: Callable[[Timed, int], object]) -> None:
-        """Pass each item to `put` when it is due.
+        """Pass each item to `put` when it is due, until they end or it is closed.
 
         Parameters
         ----------
@@ -150,16 +150,19 @@ class Playback:
             self._playing = True
             self._anchor(self._recorded)
         for item in items:
-            put(item, self._wait(item.time))
+            due = self._wait(item.time)
+            if due is None:
+                return
+            put(item, due)
             with self._changed:
                 self._played += 1
                 self._stepping = False
                 self._changed.notify_all()
 
-    def _wait(self, recorded: int) -> int:
-        """Wait until a recorded time is due; return the wall time at which it is due [ns]."""
+    def _wait(self, recorded: int) -> int | None:
+        """Wait until a recorded time is due; return its wall time [ns], None when closed."""
         with self._changed:
-            while True:
+            while not self._closed:
                 if self._paused and self._stepping:
                     self._anchor(recorded)
                     break
@@ -167,6 +170,8 @@ class Playback:
                 if not self._paused and left <= BUSY_WAIT:
                     break
                 self._changed.wait(None if self._paused else (left - BUSY_WAIT) * 1e-9)
+            if self._closed:
+                return None
             due = self._steady + self._elapse(recorded)
             wall = self._wall + self._elapse(recorded)
         while time.monotonic_ns() < due:
@@ -184,6 +189,8 @@ def _wall_from_steady() -> int:
 
 def read_ahead(items: Iterable[Item], count: int) -> Generator[Item, None, None]:
     """Iterate over items that another thread takes from their source in advance.
+
+    Not in a thread that a signal may interrupt, which would leave the queue's lock taken.
 
     Parameters
     ----------

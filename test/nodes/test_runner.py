@@ -87,3 +87,48 @@ def test_a_fault_beside_a_loop_ends_all_with_its_reason(loop, error, is_the_user
     assert 'it broke' in process.output
     assert ('Traceback' not in process.output) == is_the_users
     assert 'KeyboardInterrupt' not in process.output
+
+
+INTERRUPTED_WORK = '''
+from contextlib import closing
+from itertools import count
+from threading import Event
+from rclpy.node import Node
+from hand_tracker.nodes import runner
+from hand_tracker.tracking.playback import read_ahead
+
+def work(node):
+    ended = Event()
+
+    def count_up():
+        with closing(read_ahead(count(), 4)) as numbers:
+            for number in numbers:
+                if number == 1000:
+                    print('works', flush=True)
+                if ended.is_set():
+                    print('stopped', flush=True)
+                    return
+
+    runner.work_in_thread(count_up, ended.set)
+
+raise SystemExit(runner.run(lambda: Node('working'), work))
+'''
+
+
+def test_an_interrupt_tells_what_works_in_a_thread_to_stop():
+    with Process([sys.executable, '-c', INTERRUPTED_WORK]) as process:
+        process.wait_for_line('works')
+        assert process.interrupt() == 0, process.output
+        assert 'stopped' in process.output and 'Traceback' not in process.output
+
+
+def test_what_is_raised_in_a_thread_is_raised_where_it_is_waited_for():
+    from hand_tracker.nodes.runner import work_in_thread
+    stops = []
+
+    def work():
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work_in_thread(work, lambda: stops.append(True))
+    assert stops == [True]

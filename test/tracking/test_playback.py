@@ -197,6 +197,15 @@ def test_close_lets_go_who_waits_for_a_step():
     assert answers == [False]
 
 
+@pytest.mark.parametrize('paused', [False, True])
+def test_closing_ends_what_waits_for_the_next_item(paused):
+    playback = Playback(BEGIN, paused=paused)
+    player = Player(playback, [Item(BEGIN + 10**15)])
+    playback.close()
+    player.join()
+    assert player.played == []
+
+
 def test_read_ahead_keeps_order_and_bound(monkeypatch):
     taken, taken_when_full = [], []
 
