@@ -5,6 +5,7 @@ of abduction, its direction in the plane of the first flexion, its distance from
 the reach, of the second. Of a straight digit the reach changes by the square of the second flexion
 alone; there natural flexion bounds it. The last joint follows its coupling. Besides noise, the
 error of the hand's model counts, by far the most of both: bones, joints and the marker's place.
+It is at least the marker's own distance from the hand: one that is far off refutes the pose.
 
 Without a marker an angle's deviation is a share of the range between its limits, and that of a
 hidden digit grows to it. Unlike the variance of `angle_filter`, which is chosen for quiet angles,
@@ -25,6 +26,7 @@ HIDDEN_TIME = 1.2          # [s] in which a hidden digit's variance comes within
 MODEL_DEVIATION = .0018
 ACROSS_DIGIT = 1.5         # [1] the same across the digit, relative to it
 SHARED_ERROR = 1.8         # [1] factor for several markers of a digit: their errors correlate
+REFUTING_MISFIT = .02      # [m] of a marker from the hand, at which it tells nothing of its digit
 SADDLE_DEVIATION = .045    # [rad] of the thumb's abduction, by the axes of its saddle joint
 LEAST_LEVER = 1e-3         # [m] distance from the axis below which a marker counts as on it
 # Abduction, first and second flexion of each digit, (15,): what its marker shows.

@@ -38,6 +38,7 @@ from .deviation import (
     LEAST_LEVER,
     LIMITS_SHARE,
     MODEL_DEVIATION,
+    REFUTING_MISFIT,
     SADDLE_DEVIATION,
     SHARED_ERROR,
 )
@@ -339,6 +340,16 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
 
 
 @jit
+def _misfit(report: Report, offset: np.ndarray, digit: int) -> float:
+    """Return how far a digit's marker is off the hand [m]; 0 if unseen or still gone back to."""
+    for joint in range(5 * digit, 5 * digit + 5):
+        if offset[joint] != 0.:
+            return 0.
+    residual = report.residuals[3 + digit]
+    return residual if residual > 0. else 0.
+
+
+@jit
 def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tracks,
                     several: np.ndarray, offset: np.ndarray, placed: bool,
                     report: Report) -> None:
@@ -357,7 +368,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
     placed : bool
         Whether the palm has been seen.
     report : Report
-        Its pose is written already; changed.
+        Its pose and residuals are written already; changed.
     """
     found = report.deviation
     for joint in range(len(found)):
@@ -365,6 +376,11 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
     palm_spread = 0.
     for i in range(3):
         palm_spread = max(palm_spread, position_deviation(palm.covariance[i]))
+        if report.residuals[i] > palm_spread:
+            palm_spread = report.residuals[i]
+    hand_misfit = 0.
+    for digit in range(5):
+        hand_misfit += _misfit(report, offset, digit) / 5.
     for digit in range(5):
         if not placed or not digits.known[digit]:
             continue
@@ -376,7 +392,11 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         if hidden_for > 0.:
             lost = 1. - math.exp(-2. * hidden_for / HIDDEN_TIME)
         skin = chains.skin[digit]
-        model = skin if skin > 0. else MODEL_DEVIATION
+        usual = skin if skin > 0. else MODEL_DEVIATION
+        misfit = _misfit(report, offset, digit)
+        model = max(usual, misfit)
+        # Where the whole hand is refuted, so is a digit that happens to meet its marker.
+        lost = max(lost, min(max(misfit, hand_misfit) / REFUTING_MISFIT, 1.) ** 2)
         along = noise + model * model
         across = noise + (ACROSS_DIGIT * model) ** 2
         # The marker on the pose, and how it moves with each angle [m/rad].
@@ -424,7 +444,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         for joint in range(5 * digit, 5 * digit + 5):
             range_of_joint = chains.upper[joint] - chains.lower[joint]
             if several[joint] > 0.:
-                shown = SHARED_ERROR * several[joint]
+                shown = SHARED_ERROR * several[joint] * (model / usual)
                 found[joint] = deviation_within(shown * shown, LIMITS_SHARE * range_of_joint, 0.)
             # An angle that still goes back to its marker is off by as much as it has to go, within
             # limits that may be new.

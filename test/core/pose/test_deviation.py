@@ -15,8 +15,10 @@ from hand_tracker.core.pose.deviation import (
     HIDDEN_TIME,
     LIMITS_SHARE,
     MODEL_DEVIATION,
+    REFUTING_MISFIT,
     SADDLE_DEVIATION,
     SHARED_ERROR,
+    SHOWN_JOINTS,
     mean_confidence,
     unknown_deviation,
 )
@@ -39,11 +41,12 @@ def bent(degrees):
 
 
 def deviations(angles, noise=0., palm_noise=0., hidden_for=0., several=NOTHING, offset=NOTHING,
-               placed=True, change=lambda chains: chains):
+               placed=True, change=lambda chains: chains, residuals=np.nan):
     """Return the deviations of a pose of the mean hand whose digits are known, (25,) [rad]."""
     report, chains = blank_report(), change(digit_chains(HAND, MOUNTING))
     write_pose(joint_table(HAND), angles, chains.lower, chains.upper, wrist_at_origin(),
                np.ones(3), report)
+    report.residuals[:] = residuals
     palm, digits = initial_tracks(MOUNTING.position[:3]), initial_tracks(np.zeros((5, 3)))
     palm.covariance[:, :3, :3] = palm_noise ** 2 * np.eye(3)
     digits.covariance[:, :3, :3] = noise ** 2 * np.eye(3)
@@ -104,6 +107,40 @@ def test_a_marker_tells_of_angles_by_how_far_it_moves_with_them(digit, degrees):
 def test_a_straight_finger_is_bent_less_surely_than_a_bent_one():
     pip = FLEXION_JOINTS[:4, 1]
     assert (deviations(bent(2.))[pip] > 1.8 * deviations(bent(80.))[pip]).all()
+
+
+@pytest.mark.parametrize('marker', [1, 4])  # of the palm and of a finger
+def test_angles_are_known_by_no_more_than_their_markers_fit(marker):
+    off = np.full(8, 1e-5)
+    close = deviations(bent(40.))
+    assert deviations(bent(40.), residuals=off) == pytest.approx(close, rel=1e-4)
+    off[marker] = 5e-3
+    found = deviations(bent(40.), residuals=off)
+    rows = ABDUCTION_JOINTS[1], *FLEXION_JOINTS[1]
+    for row in rows:
+        assert 1.02 * close[row] < found[row] < UNKNOWN[row]
+    if marker == 4:
+        others = np.delete(np.arange(len(JOINTS)), rows)
+        assert found[others] == pytest.approx(close[others], rel=.04)
+
+
+def test_a_marker_far_off_the_hand_tells_nothing_of_its_digit():
+    off = np.full(8, 1e-3)
+    off[4] = REFUTING_MISFIT
+    found = deviations(bent(40.), residuals=off)
+    rows = [ABDUCTION_JOINTS[1], *FLEXION_JOINTS[1, :2]]
+    assert found[rows] == pytest.approx(UNKNOWN[rows], rel=1e-12)
+    # An angle that still goes back to its marker is off by that.
+    going_back = np.where(np.arange(len(JOINTS)) == rows[1], .05, 0.)
+    found = deviations(bent(40.), residuals=off, offset=going_back)
+    close = deviations(bent(40.), residuals=1e-3, offset=going_back)
+    assert found[rows] == pytest.approx(close[rows], rel=.01)
+
+
+def test_markers_far_off_the_hand_refute_a_digit_that_meets_its_own():
+    off = np.array([1e-3, 1e-3, 1e-3, .04, .04, 1e-4, .04, .04])
+    found = deviations(bent(40.), residuals=off)
+    assert found[SHOWN_JOINTS] == pytest.approx(UNKNOWN[SHOWN_JOINTS], rel=1e-12)
 
 
 def test_noise_of_a_marker_and_of_the_palm_add():
