@@ -55,6 +55,7 @@ RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
+DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
 WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
@@ -120,6 +121,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
+        self._judges_hand = values['min_confidence'] > 0.
+        self._judged_time = time.monotonic()  # when somebody published its deviations
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
@@ -458,12 +461,27 @@ class RetargetNode(SubscriptionHidingNode):
         if self.count_publishers(topic) < 2:
             return
         names = self._publishers_of(topic)
-        if len(names) > 1:
+        # Of two trackers of one name they themselves tell; or one was killed, and started anew.
+        if len(set(names)) > 1:
             self.get_logger().warning(
                 f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
                 'of its own (remap joint_states). Joints of others are left out, which takes '
                 'time; two trackers of one hand would both move the robot (one that was killed '
                 'counts for 20 s)', once=True)
+
+    @property
+    def _unjudged(self) -> str:
+        """Why nobody judges how much is known of the hand, or nothing."""
+        now = time.monotonic()
+        hand, deviations = (one.topic_name for one in self._joint_subscriptions[:2])
+        if not self._judges_hand or self.count_publishers(deviations) or not (
+                self.count_publishers(hand)):
+            self._judged_time = now
+        # Of a tracker that starts, discovery may have found one of its topics alone.
+        if now - self._judged_time < DISCOVERED_AFTER:
+            return ''
+        return (f'nobody publishes {deviations}: a hand whose markers are lost is followed '
+                '(remap joint_confidence, or set min_confidence to 0)')
 
     def _warn_of_shared_commands(self) -> None:
         """Warn once of others who publish its commands."""
@@ -478,6 +496,9 @@ class RetargetNode(SubscriptionHidingNode):
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
         self._namesake_fault = namesake_fault(self)
+        unjudged = self._unjudged
+        if unjudged:
+            self.get_logger().warning(unjudged, once=True)
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         if guard.is_engaged:
             self._warn_of_shared_commands()
@@ -486,10 +507,10 @@ class RetargetNode(SubscriptionHidingNode):
         text = fault or f'{guard.state.value}: {self._reason}'
         if new_jumps:
             text += f'; jumps of the hand refused: {new_jumps}'
-        if self._namesake_fault:
-            text += f'; {self._namesake_fault}'
+        for other in filter(None, (self._namesake_fault, unjudged)):
+            text += f'; {other}'
         is_fine = guard.is_following and not (
-            self._wrist_fault or new_jumps or self._namesake_fault)
+            self._wrist_fault or new_jumps or self._namesake_fault or unjudged)
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
         status = Status(level, text, {
             'state': guard.state.value,

@@ -48,6 +48,8 @@ class FollowMemory(NamedTuple):
         Of the last frame that was retargeted [s].
     hand_stamp, repeated : ndarray of int, shape (1,)
         Stamp of the last frame [ns], and how many came with the stamp of the one before.
+    repeat_time : ndarray, shape (1,)
+        When the last of these came [s].
     is_confident : ndarray of int, shape (1,)
     min_confidence : float
         `mean_confidence` of the hand below which it counts as lost.
@@ -68,6 +70,7 @@ class FollowMemory(NamedTuple):
     hand_time: np.ndarray
     hand_stamp: np.ndarray
     repeated: np.ndarray
+    repeat_time: np.ndarray
     is_confident: np.ndarray
     min_confidence: float
     used: np.ndarray
@@ -109,7 +112,7 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     return FollowMemory(
         new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames, options.jump_time),
         np.full(1, -math.inf), np.full(1, UNSTAMPED), np.zeros(1, np.int64),
-        np.ones(1, np.int64), min_confidence,
+        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence,
         padded(solved, np.int64), padded(held), padded(held), len(variable),
         padded(variable, np.int64), padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
 
@@ -155,6 +158,7 @@ def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand], stamp: 
     memory = memories[0]
     if stands_still(stamp, memory.hand_stamp[0]):
         memory.repeated[0] += 1
+        memory.repeat_time[0] = now
         return -1.
     memory.hand_stamp[0] = stamp
     since = now - memory.hand_time[0]

@@ -32,6 +32,10 @@ from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
 ROBOT_FILE_KEYS = ('name', 'urdf', 'side', 'digits', 'rest', 'follow', 'options', 'order')
 DIGIT_KEYS = ('tip', 'tip_offset_mm', 'radius_mm')
 LEAST_RADIUS_MM = .5     # of a tip: a smaller one is in metres
+MOST_TIP_MM = 300.       # radius or offset of a tip
+LONGEST_DIGIT = 1.       # [m] of a robot: a longer one is in millimetres
+MOST_TURNS = 2.          # of a revolute joint in a digit: a wider limit is in degrees
+REST_TOLERANCE = 1e-3    # [rad or m] beyond a limit that counts as at it
 FOLLOW_KEYS = ('angle', 'scale', 'offset_deg')
 
 
@@ -180,6 +184,9 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
             if radius_mm != 0. and radius_mm < LEAST_RADIUS_MM:
                 raise InvalidRobot(f'{source}: digits.{role}.radius_mm: {radius_mm:g}; expected '
                                    f'none below {LEAST_RADIUS_MM:g} mm, but 0 for a point')
+            if radius_mm > MOST_TIP_MM:
+                raise InvalidRobot(f'{source}: digits.{role}.radius_mm: {radius_mm:g}; expected '
+                                   f'{MOST_TIP_MM:g} mm at most')
             radii[role] = radius_mm / 1e3
         if 'tip_offset_mm' in given:
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
@@ -187,7 +194,8 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
             centres[role] = place.translation + place.rotation @ centre
     spheres, guessed = tip_spheres(model, anatomy, tree.spheres, radii, centres)
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
-                     _rest(settings, model, source), _follow(settings, model, source))
+                     _rest(settings, model, tree, source), _follow(settings, model, source))
+    _refuse_units(hand, tree, source)
     for one in hand.follow:
         if one.variable not in hand.digit_variables:
             able = ', '.join(model.variables[i] for i in hand.digit_variables)
@@ -202,7 +210,7 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     guesses = {role: ('radius_mm',) if role in centres else ('tip_offset_mm', 'radius_mm')
                for role in guessed}
     return LoadedRobot(hand, _options(settings, source), tuple(order),
-                       (*anatomy.unsure, *guess_notes(hand, guessed)), guesses)
+                       (*anatomy.unsure, *model.notes, *guess_notes(hand, guessed)), guesses)
 
 
 def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:
@@ -222,10 +230,33 @@ def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dic
     return tips
 
 
-def _rest(settings: Mapping[str, Any], model: RobotModel, source: str) -> np.ndarray:
+def _refuse_units(hand: RobotHand, tree: UrdfTree, source: str) -> None:
+    """Refuse a URDF whose digits are in millimetres, or turn by degrees."""
+    for role, digit in hand.anatomy.digits.items():
+        if digit.length > LONGEST_DIGIT:
+            raise InvalidRobot(f"{source}: {role}: {digit.length:.3g} m long, to its tip "
+                               f"'{digit.tip_link}'; expected a URDF in metres, not millimetres")
+    in_digits = {hand.model.variables[i] for i in hand.digit_variables}
+    for joint in tree.joints:
+        if joint.name in in_digits and joint.kind == 'revolute' and (
+                max(-joint.lower, joint.upper) > MOST_TURNS * 2. * np.pi):
+            raise InvalidRobot(f"{source}: joint '{joint.name}': limits {joint.lower:g} to "
+                               f'{joint.upper:g}; expected radians, not degrees')
+
+
+def _rest(settings: Mapping[str, Any], model: RobotModel, tree: UrdfTree,
+          source: str) -> np.ndarray:
     rest = model.open_position()
-    for name, value in _mapping(settings, 'rest', source).items():
-        rest[_variable(name, model, f'{source}: rest')] = _number(value, f'{source}: rest.{name}')
+    limits = {joint.name: (joint.lower, joint.upper) for joint in tree.joints}
+    for name, given in _mapping(settings, 'rest', source).items():
+        row = _variable(name, model, f'{source}: rest')
+        value = _number(given, f'{source}: rest.{name}')
+        lower, upper = limits[name]
+        if not lower - REST_TOLERANCE <= value <= upper + REST_TOLERANCE:
+            raise InvalidRobot(f'{source}: rest.{name}: {value:g}; expected {lower:.4g} to '
+                               f'{upper:.4g}, its limits [rad or m]')
+        rest[row] = value
+    # A joint that follows one may leave it less than its own limits.
     return np.clip(rest, model.lower, model.upper)
 
 
@@ -286,4 +317,7 @@ def _number(value: Any, place: str) -> float:
 def _offset(value: Any, place: str) -> np.ndarray:
     if not isinstance(value, list) or len(value) != 3:
         raise InvalidRobot(f'{place}: {value!r}; expected three numbers')
-    return np.array([_number(number, place) for number in value]) / 1e3
+    offset_mm = np.array([_number(number, place) for number in value])
+    if np.linalg.norm(offset_mm) > MOST_TIP_MM:
+        raise InvalidRobot(f'{place}: {value!r}; expected {MOST_TIP_MM:g} mm at most')
+    return offset_mm / 1e3

@@ -80,6 +80,8 @@ class RobotModel(NamedTuple):
     links : dict of str to LinkFrame
     shapes : tuple of UrdfShape
         To draw; none where the URDF has meshes alone.
+    notes : tuple of str
+        What a person should know: mimic joints that move against their own limits.
     """
 
     joints: Joints
@@ -90,6 +92,7 @@ class RobotModel(NamedTuple):
     velocity: np.ndarray
     links: dict[str, LinkFrame]
     shapes: tuple[UrdfShape, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def per_radian(self) -> np.ndarray:
@@ -190,6 +193,7 @@ def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
     bounds = np.array([(by_name[name].lower, by_name[name].upper)
                        for name in variables]).reshape(-1, 2)
     velocity = np.array([by_name[name].velocity for name in variables])
+    notes: list[str] = []
     for joint, variable, multiplier, offset in zip(
             movable, joints.variable, joints.multiplier, joints.offset):
         if joint.mimic is None:
@@ -207,9 +211,12 @@ def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
             # left out, does not forbid all movement.
             if narrowed[1] - narrowed[0] > .5 * (upper - lower):
                 bounds[variable] = narrowed
+            else:
+                notes.append(_against_limits(joint, variables[variable], lower, upper, multiplier,
+                                             offset) + ', which are not kept')
     return RobotModel(
         joints, tuple(joint.name for joint in movable), variables, bounds[:, 0].copy(),
-        bounds[:, 1].copy(), velocity, links, tree.shapes)
+        bounds[:, 1].copy(), velocity, links, tree.shapes, tuple(notes))
 
 
 def _narrowed(joint: UrdfJoint, lower: float, upper: float, multiplier: float,
@@ -233,11 +240,17 @@ def _kept_by(joint: UrdfJoint, variable: str, lower: float, upper: float, multip
     elif not joint.lower <= offset <= joint.upper:
         kept = upper, lower
     if kept[0] > kept[1] or kept[0] == kept[1] and lower < upper:
-        ends = sorted((multiplier * lower + offset, multiplier * upper + offset))
-        raise InvalidRobot(
-            f"order: '{joint.name}' follows '{variable}' from {ends[0]:g} to {ends[1]:g}, against "
-            f'its limits {joint.lower:g} to {joint.upper:g}: leave it out, or correct the URDF')
+        against = _against_limits(joint, variable, lower, upper, multiplier, offset)
+        raise InvalidRobot(f'order: {against}: leave it out, or correct the URDF')
     return kept
+
+
+def _against_limits(joint: UrdfJoint, variable: str, lower: float, upper: float,
+                    multiplier: float, offset: float) -> str:
+    """Return in words from where to where a mimic joint follows, and its own limits."""
+    ends = sorted((multiplier * lower + offset, multiplier * upper + offset))
+    return (f"'{joint.name}' follows '{variable}' from {ends[0]:g} to {ends[1]:g}, against its "
+            f'limits {joint.lower:g} to {joint.upper:g}')
 
 
 @jit

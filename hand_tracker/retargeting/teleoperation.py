@@ -148,7 +148,10 @@ class Teleoperation:
         now : float
             [s]
         """
-        if not now - self._named_time <= self.guard.options.hand_timeout:
+        timeout, repeat_time = self.guard.options.hand_timeout, self._memory.repeat_time[0]
+        if repeat_time > self._memory.hand_time[0] and now - repeat_time <= timeout:
+            return 'its joint states have the same stamp again and again'
+        if not now - self._named_time <= timeout:
             return ''
         if not self._memory.is_confident[0]:
             return ('joint_confidence has no effort, by which to judge it' if self._lacks_unknown
@@ -277,9 +280,9 @@ class Teleoperation:
             self._lacking = next(
                 (name for name, needed, row in zip(self._model.variables, self._needed, rows)
                  if needed and row < 0), '')
-        if self._lacking:
-            self.guard.refuse_robot(self._lacking)
-        if self._lacking or len(positions) != len(names):
+        lacking = self._lacking or ('' if len(positions) == len(names) else 'positions')
+        if lacking:
+            self.guard.refuse_robot(lacking)
             return
         there = rows >= 0
         given = self.guard.robot

@@ -186,6 +186,25 @@ def test_a_limit_given_without_its_section_is_named_with_it(robot):
         assert process.interrupt() == 0, process.output
 
 
+def test_a_hand_of_which_nobody_says_how_much_is_known_is_told(robot):
+    line = 'nobody publishes /joint_confidence: a hand whose markers are lost is followed'
+
+    def warned(level):
+        return any(status.level == level and line in status.message
+                   for message in statuses for status in message.status)
+
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        bench, statuses = Bench(node), node.collect(DiagnosticArray, '/diagnostics')
+        bench.start = robot_states(joints(), .05)
+        bench.until('following')
+        process.wait_for_line(line)
+        node.spin_until(lambda: warned(DiagnosticStatus.WARN))
+        node.create_publisher(JointState, 'joint_confidence', 10)
+        node.spin_until(lambda: statuses and not any(
+            line in status.message for status in statuses[-1].status))
+        assert process.interrupt() == 0, process.output
+
+
 def test_an_arm_may_share_the_topic_of_the_hand(robot):
     from rclpy.node import Node
     with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:

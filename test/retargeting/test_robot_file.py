@@ -86,6 +86,20 @@ def test_the_plain_hand_with_two_digits_is_no_gripper(tmp_path):
         make_problem(loaded.hand, Hand.scaled(side='left'), loaded.options)
 
 
+@pytest.mark.parametrize('pattern, factor, message', [
+    (r'(lower|upper)="([^"]+)"', 57.3, 'limits .* expected radians, not degrees'),
+    (r'(xyz)="([^"]+)"', 1e3, 'm long, to its tip .* expected a URDF in metres')])
+def test_a_urdf_in_degrees_or_millimetres_is_refused(pattern, factor, message, tmp_path):
+    def scaled(found):
+        numbers = ' '.join(str(factor * float(word)) for word in found[2].split())
+        return f'{found[1]}="{numbers}"'
+
+    path = tmp_path / 'hand.urdf'
+    path.write_text(re.sub(pattern, scaled, urdf(wide_hand())))
+    with pytest.raises(InvalidRobot, match=message):
+        load_robot(str(path))
+
+
 def test_an_order_that_is_given_counts_in_place_of_the_file_s(tmp_path):
     text = GRIPPER.replace('upper="0.04" velocity="0.2"/><mimic',
                            'upper="0.015" velocity="0.02"/><mimic')
@@ -219,7 +233,10 @@ def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monk
     ({'digits': {'index': {'radius_mm': 'big'}}}, "digits.index.radius_mm: 'big'; expected a"),
     ({'digits': {'index': {'radius_mm': .008}}}, 'radius_mm: 0.008; expected none below 0.5 mm'),
     ({'digits': {'index': {'radius_mm': -3}}}, 'digits.index.radius_mm: -3; expected none below'),
+    ({'digits': {'index': {'radius_mm': 900}}}, 'index.radius_mm: 900; expected 300 mm at most'),
     ({'digits': {'index': {'tip_offset_mm': [1]}}}, 'tip_offset_mm: [1]; expected three'),
+    ({'digits': {'index': {'tip_offset_mm': [0, 0, 900]}}}, 'expected 300 mm at most'),
+    ({'rest': {'index_mcp_flexion': 60}}, 'rest.index_mcp_flexion: 60; expected'),
     ({'rest': {'knee': 0.}}, "rest: there is no independent joint 'knee'"),
     ({'follow': {'index_pip_flexion': 'knee'}}, "angle: 'knee'; expected one of index_cmc"),
     ({'options': {'speed': 1.}}, "options: there is no key 'speed'"),

@@ -74,6 +74,8 @@ def test_a_commanded_mimic_joint_keeps_its_limits_and_its_speed(multiplier, offs
 def test_a_mimic_joint_that_is_not_commanded_leaves_half_of_the_range():
     model = robot_model(gripper('lower="0" upper="0.015" velocity="0.02"'))
     assert (model.upper, model.velocity) == (.04, .2)
+    assert model.notes == ("'other' follows 'slide' from 0 to 0.04, against its limits 0 to 0.015, "
+                           'which are not kept',)
 
 
 @pytest.mark.parametrize('line', ['', 'multiplier="-1"', 'multiplier="0" offset="-1"',

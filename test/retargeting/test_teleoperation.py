@@ -329,6 +329,10 @@ def test_why_a_hand_whose_joint_states_come_is_lost_is_said(own_hand):
     assert 'too little is known' in rig.it.why_lost(rig.now)
     rig.it.observe_deviations(RIGHT, known, [])
     assert 'no effort' in rig.it.why_lost(rig.now)
+    rig.it.observe_deviations(RIGHT, known, unknown)
+    for _ in range(2):
+        rig.tick(stamp=7)
+    assert 'same stamp' in rig.it.why_lost(rig.now)
     # Of a hand that is silent that is no reason.
     assert rig.it.why_lost(rig.now + 1.) == ''
 
@@ -350,6 +354,13 @@ def test_a_hidden_hand_is_lost_whatever_limits_the_tracker_has(own_hand):
         rig.it.observe_deviations(RIGHT, state.deviation, unknown)
         rig.tick()
         assert rig.it.guard.state is GuardState.HOLDING
+
+
+def test_joint_states_of_the_robot_without_positions_are_named(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand)
+    rig.position = []
+    rig.tick()
+    assert 'they lack positions' in rig.it.guard.engage(rig.now)
 
 
 def test_a_robot_whose_states_lack_a_joint_is_not_engaged(own_hand):
