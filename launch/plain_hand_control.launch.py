@@ -4,6 +4,7 @@ Tracker, source and the driver of the robot come from track.launch.py, which thi
 arguments that are given here. Needs ros2_control and ros2_controllers.
 """
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from launch_ros.actions import Node, SetRemap
 
 from hand_tracker.files.ros2_control import with_mock_hardware
 from hand_tracker.launching.installed_packages import is_installed
+from hand_tracker.launching.launch_plan import names_launch_file, refuse_unknown_arguments
 from hand_tracker.retargeting.robot_file import load_robot
 from launch import Action, LaunchContext, LaunchDescription
 
@@ -50,6 +52,13 @@ CONTROL_ARGUMENTS = (
 
 def start(context: LaunchContext) -> list[Action]:
     """Return the nodes of the robot, and the launch of tracker and driver."""
+    share = Path(get_package_share_directory('hand_tracker'))
+    tracking = PythonLaunchDescriptionSource(str(share / 'launch' / 'track.launch.py'))
+    words = sys.argv[1:]
+    if names_launch_file(words, Path(__file__)):
+        included = tracking.get_launch_description(context).get_launch_arguments()
+        refuse_unknown_arguments(
+            words, [argument.name for argument in (*CONTROL_ARGUMENTS, *included)])
     # Before anything starts: launch leaves running what was started before one is missed.
     if lacking := [source for package, source in NEEDED.items() if not is_installed(package)]:
         raise RuntimeError(f"not installed: {', '.join(lacking)}")
@@ -61,7 +70,6 @@ def start(context: LaunchContext) -> list[Action]:
         if given.get(name, value) != value:
             raise RuntimeError(f"{name}: '{given[name]}'; expected none: this drives the robot "
                                f"'{DRIVEN_ROBOT}' by {output}, copy it for yours")
-    share = Path(get_package_share_directory('hand_tracker'))
     robot = load_robot(DRIVEN_ROBOT, preferred_side=side)
     description = with_mock_hardware(Path(robot.urdf).read_text(encoding='utf-8'), robot.order)
     # In that of retarget, as its topics begin with it.
@@ -75,9 +83,7 @@ def start(context: LaunchContext) -> list[Action]:
         # First, as it may refuse an argument: launch leaves behind what was started before.
         GroupAction([
             SetRemap(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}'),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(share / 'launch' / 'track.launch.py')),
-                launch_arguments=of_example.items())]),
+            IncludeLaunchDescription(tracking, launch_arguments=of_example.items())]),
         of_robot('robot_state_publisher', 'robot_state_publisher',
                  parameters=[{'robot_description': description}]),
         of_robot('controller_manager', 'ros2_control_node',

@@ -146,8 +146,11 @@ class LaunchPlan:
         self._check_frames(f'{self.hands[0].prefix}wrist')
         self.common = {'use_sim_time': self.agreed(
             'use_sim_time', given['use_sim_time'] == 'true', False)}
-        self.environment = (security_environment(given['keystore'])
-                            if given['use_security'] == 'true' else {})
+        is_secure = given['use_security'] == 'true'
+        if given['keystore'] and not is_secure:
+            raise InvalidLaunch(f"keystore: '{given['keystore']}'; expected with "
+                                'use_security:=true, without which everything is open')
+        self.environment = security_environment(given['keystore']) if is_secure else {}
         self.mounts = self._mounts()
         self.on_body = self.agreed('on_body', any(map(any, self.mounts)), False)
         self.shows_robots = (self.is_on('show_robot') and self.publishes_links
@@ -365,6 +368,10 @@ class LaunchPlan:
         if any(map(any, mounts)) and not all(map(any, mounts)):
             raise InvalidLaunch('body_frame, mount, left_body_frame, left_mount: of one hand '
                                 'alone; expected that both hang on a body, or neither')
+        for _, file in mounts:
+            if file and not Path(file).is_file():
+                raise InvalidLaunch(f"mount: '{file}'; expected a parameter file, as "
+                                    '~/calibrate of the mount node writes')
         return mounts
 
     def _robot_parameters(self, hand: LaunchedHand) -> dict[str, Any]:

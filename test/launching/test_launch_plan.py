@@ -110,6 +110,18 @@ def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
         plan_of(parameters=str(file), side='right')
 
 
+def test_a_keystore_that_nothing_uses_is_refused(tmp_path):
+    with pytest.raises(InvalidLaunch, match='keystore: .*; expected with use_security:=true'):
+        plan_of(keystore=str(tmp_path))
+
+
+def test_a_mount_that_is_no_file_is_refused(tmp_path):
+    for given in {'mount': str(tmp_path)}, {'side': 'both', 'body_frame': 'arm',
+                                            'left_mount': str(tmp_path / 'none.yaml')}:
+        with pytest.raises(InvalidLaunch, match="mount: '.*'; expected a parameter file"):
+            plan_of(**given)
+
+
 def test_a_urdf_without_a_robot_is_refused():
     with pytest.raises(InvalidLaunch, match="robot_description: '/x.urdf'; expected with robot:="):
         plan_of(robot_description='/x.urdf')

@@ -828,6 +828,15 @@ def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch
 
 
 @launches
+def test_the_example_with_ros2_control_refuses_unknown_arguments():
+    with Launch(file=LAUNCH.with_name('plain_hand_control.launch.py'),
+                contoller='hand_trajectory') as process:
+        assert process.wait() == 1
+        assert "there is no argument 'contoller', did you mean 'controller'?" in process.output
+        assert 'process started' not in process.output
+
+
+@launches
 @pytest.mark.skipif(installed('controller_manager'), reason='ros2_control is installed')
 def test_without_ros2_control_nothing_is_started():
     with Launch(file=LAUNCH.with_name('plain_hand_control.launch.py')) as process:
