@@ -17,6 +17,9 @@ usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r {topic}:=
 `ros2 param list` and `ros2 param describe` show the parameters while it runs; {page} says
 what they mean."""
 ASKS = {'-h', '--help'}
+# Of the nodes that have others than the tracker's
+TOPIC_AND_PAGE = {'source': ('~/markers', 'docs/sources.md'),
+                  'retarget': ('joint_states', 'docs/teleoperation.md')}
 # Nodes whose kernels are small: compiling or loading them takes longer than they save.
 PLAIN_NODES = {'landmarks', 'mount', 'replay', 'source'}
 
@@ -34,8 +37,7 @@ def _run(node: str) -> int:
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
     if asks:
-        topic, page = ('~/markers', 'docs/sources.md') if node == 'source' else (
-            'markers', 'docs/ros.md')
+        topic, page = TOPIC_AND_PAGE.get(node, ('markers', 'docs/ros.md'))
         print((module.__doc__ or '').strip(), HELP.format(node=node, topic=topic, page=page),
               sep='\n')
         return 0

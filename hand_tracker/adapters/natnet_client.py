@@ -133,8 +133,20 @@ class NatNetClient:
         self._reset()
         is_joined = False
         heard, self._asked, self._echoed = time.monotonic(), -ASK_PERIOD, 0.
+        framed, sent = heard, self._sent
         while not ended.is_set():
             now = time.monotonic()
+            if self._info is None:
+                framed = now
+            elif self._sent != sent:
+                framed, sent = now, self._sent
+                self._warned.discard('frames')
+            elif now - framed > SILENCE:
+                group = self._info.group
+                self._warn_once(
+                    'frames', f'the NatNet server {self._server} answers, but no frame came for '
+                    f'{SILENCE:g} s: is Motive live, not paused, and its streaming on'
+                    + (f', and does multicast ({group}) reach this machine?' if group else '?'))
             if now - heard > SILENCE:
                 self._warn_once(
                     'silence', f'nothing comes from the NatNet server {self._server} '

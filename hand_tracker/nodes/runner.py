@@ -336,6 +336,9 @@ def _init(args: list[str] | None) -> None:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # RCLError has no public name
+        # Words between --ros-args and a flag are all that it says.
+        if unknown := re.findall(r"'([^']+)'", str(error)) if str(error)[:2] == "['" else []:
+            raise _foreign_words(unknown) from None
         places_in_rcl = r', at \S+:\d+'
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 
@@ -345,9 +348,14 @@ def _refuse_words(args: list[str]) -> None:
     assigned = [word for word in takewhile(lambda word: word != '--ros-args', args) if ':=' in word]
     words = remove_ros_args(args) + assigned
     if words:
-        raise InvalidArguments(f"'{shlex.join(words)}': no arguments of ROS; expected parameters "
-                               f'as --ros-args -p {(assigned or ["NAME:=VALUE"])[0]}, other names '
-                               'of topics as -r OLD:=NEW')
+        raise _foreign_words(words)
+
+
+def _foreign_words(words: Sequence[str]) -> InvalidArguments:
+    """Return the error of words that ROS does not take."""
+    example = next((word for word in words if ':=' in word), 'NAME:=VALUE')
+    return InvalidArguments(f"'{shlex.join(words)}': no arguments of ROS; expected parameters as "
+                            f'--ros-args -p {example}, other names of topics as -r OLD:=NEW')
 
 
 def refuse_unknown(node: Node, sections: Sequence[str]) -> None:

@@ -359,7 +359,8 @@ class InputMonitor:
         if situation == 'silent':
             why = publishers()
             if self._unreadable:
-                why = '; '.join(filter(None, (self._unreadable, why)))
+                sender = (why or '').removesuffix(f', but {SENDS_NOTHING}')
+                why = '; '.join(filter(None, (self._unreadable, sender)))
             if why is None:
                 why = ('what published them has ended' if self._has_received else
                        'nothing publishes them (a remapping, ROS_DOMAIN_ID?)')

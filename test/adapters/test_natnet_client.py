@@ -137,6 +137,20 @@ def test_a_silent_server_is_told_once_and_found_when_it_comes(monkeypatch):
     assert news[0][0] and not news[1][0]
 
 
+@pytest.mark.parametrize('group', ['', '239.255.42.98'])
+def test_a_server_that_answers_but_sends_no_frames_is_told_each_time(group, monkeypatch):
+    monkeypatch.setattr(natnet_client, 'SILENCE', .3)
+
+    def told():
+        return ['no frame came' in text for _, text in news].count(True)
+
+    with NatNetServer((4, 1), NAMES, group=group) as server, receiving(server) as (frames, news):
+        wait(told)
+        assert ('239.255.42.98' in news[-1][1]) == bool(group)
+        stream(server, lambda: named(frames))
+        wait(lambda: told() >= 2)
+
+
 @pytest.mark.parametrize('server, local', [('no.such.host.invalid', ''), ('127.0.0.1', '1.2.3.4')])
 def test_addresses_that_are_none_are_refused(server, local):
     with pytest.raises(SourceUnavailable, match=server):

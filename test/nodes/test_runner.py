@@ -46,6 +46,14 @@ def test_arguments_as_of_a_launch_file_are_refused_with_how_a_node_takes_them(no
         assert process.wait() == 1
 
 
+def test_a_parameter_without_its_flag_is_refused_with_how_it_is_given():
+    module = 'hand_tracker.nodes.tracker_node'
+    with Process([sys.executable, '-m', module, '--ros-args', 'side:=left']) as process:
+        process.wait_for_line("'side:=left': no arguments of ROS; expected parameters as "
+                              '--ros-args -p side:=left')
+        assert process.wait() == 1
+
+
 def test_words_that_ros_does_not_know_are_refused():
     module = 'hand_tracker.nodes.tracker_node'
     with Process([sys.executable, '-m', module, '--side', 'left', '--ros-args']) as process:

@@ -256,6 +256,9 @@ def test_a_message_that_is_none_of_markers_is_named_while_no_other_comes():
     hand.watch.received_unreadable('malformed', 'left out: PoseArray of 20 poses')
     assert hand.said(1.) == ['left out: PoseArray of 20 poses']
     assert 'for 4 s: left out: PoseArray of 20 poses' in hand.watch.describe(4., 'silent', str)
+    # They do arrive.
+    assert hand.watch.describe(4., 'silent', lambda: f'/rig publishes them, but {SENDS_NOTHING}'
+                               ).endswith('of 20 poses; /rig publishes them')
     hand.feed(5.)
     assert 'for 4 s: nobody is there' in hand.watch.describe(
         9., 'silent', lambda: 'nobody is there')
