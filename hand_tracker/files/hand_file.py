@@ -43,7 +43,7 @@ from ..core.model.hand import (
     preset_coupling,
     preset_limits,
 )
-from ..core.model.marker_layout import MARKERS, PALM_LANDMARKS, MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.model.marker_rows import shows_arch
 from ..output_files import write_whole_text
 from .layout_file import choose_layout, layout_of_tree, tree_of_layout
@@ -219,8 +219,7 @@ def _has_markers_of(own: MarkerLayout, asked: MarkerLayout) -> bool:
     paper's eight have the same names everywhere: of them it does where they are off the joints.
     """
     def digits(layout: MarkerLayout) -> dict[str, str]:
-        return {name: '' if place in PALM_LANDMARKS else place.partition('_')[0]
-                for name, place in zip(layout.names, layout.places)}
+        return dict(zip(layout.names, layout.digits))
 
     return digits(own) == digits(asked) and (asked.names != MARKERS or bool(own.offsets.any()))
 

@@ -73,6 +73,7 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
             self.get_logger().error(f'not configured: {error}')
             return TransitionCallbackReturn.FAILURE
         self._is_loaded = True
+        self.get_logger().info('configured')
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -98,11 +99,13 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
         for hand in self.hands:
             hand.reset()
         self._is_loaded = False
+        self.get_logger().info('cleaned up')
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Track no more, for good."""
         self._set_active(False)
+        self.get_logger().info('shut down')
         return TransitionCallbackReturn.SUCCESS
 
     def _report(self) -> None:

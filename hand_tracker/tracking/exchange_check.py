@@ -7,6 +7,7 @@ the labels; over seconds of motion they do not.
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 
@@ -29,37 +30,22 @@ MOST_GAIN = 30.         # of one frame
 MOVES_MANY = (DIGIT_PERMUTATIONS != np.arange(len(DIGITS))).sum(axis=1) > 2
 
 
-class ExchangeCheck:
-    """Judge whether markers that are tracked as those of some digits are rather of others.
+class LabelCheck(Protocol):
+    """Anything that judges from frame to frame whether labels are exchanged.
 
-    Parameters
+    Attributes
     ----------
-    hand : Hand
-    layout : MarkerLayout
-        Without a principal marker on each digit, nothing is judged.
+    needs_side : bool
+        Whether fingers of a hand of the other side look exchanged to it.
     """
 
-    def __init__(self, hand: Hand, layout: MarkerLayout) -> None:
-        right = hand.as_right()
-        self._typical = typical_places(right, layout.principal_mounting(right))
-        self._palm_variance = self._typical.template.var(axis=0).sum()
-        self._mirror = 1. if hand.side == 'right' else LEFT_HAND_MIRROR
-        self._principal = np.array(layout.principal)
-        self._has_all = -1 not in layout.principal
-        self.begin()
+    needs_side: bool
 
     def begin(self) -> None:
         """Forget the frames noted so far."""
-        self._last, self._places = -math.inf, np.full((5, 3), math.inf)   # of the last one noted
-        self._begin_review()
-
-    def _begin_review(self) -> None:
-        self._count = 0
-        self._gain = np.zeros(len(DIGIT_PERMUTATIONS))
-        self._better = np.zeros(len(DIGIT_PERMUTATIONS), dtype=int)
 
     def add(self, state: HandState, time: float | None) -> dict[int, int] | None:
-        """Note a frame; return which markers are rather those of other digits, once that is known.
+        """Note a frame; return which markers are rather others, once that is known.
 
         Parameters
         ----------
@@ -74,6 +60,41 @@ class ExchangeCheck:
             Row of each marker, and of the one that it rather is; empty where the labels are the
             best; None where that is not clear, or not enough frames have come.
         """
+
+
+class ExchangeCheck:
+    """Judge whether markers that are tracked as those of some digits are rather of others.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+        Without a principal marker on each digit, nothing is judged.
+    """
+
+    needs_side = True   # as it judges by usual places
+
+    def __init__(self, hand: Hand, layout: MarkerLayout) -> None:
+        right = hand.as_right()
+        self._typical = typical_places(right, layout.principal_mounting(right))
+        self._palm_variance = self._typical.template.var(axis=0).sum()
+        self._mirror = 1. if hand.side == 'right' else LEFT_HAND_MIRROR
+        self._principal = np.array(layout.principal)
+        self._has_all = -1 not in layout.principal
+        self.begin()
+
+    def begin(self) -> None:
+        """As of `LabelCheck`."""
+        self._last, self._places = -math.inf, np.full((5, 3), math.inf)   # of the last one noted
+        self._begin_review()
+
+    def _begin_review(self) -> None:
+        self._count = 0
+        self._gain = np.zeros(len(DIGIT_PERMUTATIONS))
+        self._better = np.zeros(len(DIGIT_PERMUTATIONS), dtype=int)
+
+    def add(self, state: HandState, time: float | None) -> dict[int, int] | None:
+        """As of `LabelCheck`; those of digits alone are judged."""
         if (time is None or not math.isfinite(time) or 0. <= time - self._last < LEAST_STEP
                 or not self._has_all or state.palm is not PalmState.TRACKED):
             return None

@@ -12,12 +12,12 @@ from itertools import combinations
 import numpy as np
 
 from ..core.model.hand import DIGITS, Hand
-from ..core.model.marker_layout import ALL_LANDMARKS, PALM_LANDMARKS, MarkerLayout
+from ..core.model.marker_layout import ALL_LANDMARKS, OF_PALM, MarkerLayout
 from ..core.model.states import MarkerState, PalmState, are_seen
 from ..core.numerics.jit import JIT_IS_ON
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck
+from .exchange_check import LEAST_MOVE, LEAST_STEP, ExchangeCheck, LabelCheck
 
 SEARCHED_FRAMES, MOST_FRAMES = 6, 30    # in which an exchange is tried, and of a search
 # Fall of the residuals' sum that an exchange needs on average. Of captured and simulated hands no
@@ -38,17 +38,12 @@ UNTRUSTING = TrackerOptions(
     frozen_frames=0, palm_stretch=10., palm_shrink=.01, palm_flatness=.01)
 
 
-def exchange_check_for(tracker: HandTracker) -> ExchangeCheck | ExchangeSearch:
+def exchange_check_for(tracker: HandTracker) -> LabelCheck:
     """Return what finds the exchanged labels of a tracker's layout."""
-    digits = [_digit(place) for place in tracker.layout.places]
+    digits = tracker.layout.digits
     if JIT_IS_ON and all(digits.count(digit) > 1 for digit in DIGITS):
         return ExchangeSearch(tracker)
     return ExchangeCheck(tracker.hand, tracker.layout)
-
-
-def _digit(place: str) -> str:
-    """Return the digit that a marker moves with, or 'palm'."""
-    return 'palm' if place in PALM_LANDMARKS else place.split('_')[0]
 
 
 def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
@@ -63,7 +58,7 @@ def exchanges(layout: MarkerLayout) -> list[dict[int, int]]:
         Row of each marker that is exchanged, and of the other.
     """
     names = [place.split('_') for place in layout.places]
-    digits = [_digit(place) for place in layout.places]
+    digits = layout.digits
     fingers = [name[0] for name in names]   # with their knuckles
     found = [{i: j, j: i} for i, j in combinations(range(len(names)), 2)
              if digits[i] == digits[j] or fingers[i] == fingers[j]
@@ -88,16 +83,18 @@ class ExchangeSearch:
         Python nothing is searched, as that would take a second.
     """
 
+    needs_side = False
+
     def __init__(self, tracker: HandTracker) -> None:
         self._tracker, layout = tracker, tracker.layout
         self._exchanges = exchanges(layout)
         self._orders = np.array([[exchange.get(row, row) for row in range(len(layout.names))]
                                  for exchange in self._exchanges])
         self._moved = self._orders != np.arange(len(layout.names))
-        digits = np.array([_digit(place) for place in layout.places])
+        digits = np.array(layout.digits)
         # Markers whose residuals an exchange may lower: all, where the palm is placed by others.
         self._touched = np.array([
-            np.isin(digits, digits[list(exchange)]) | ('palm' in digits[list(exchange)])
+            np.isin(digits, digits[list(exchange)]) | (OF_PALM in digits[list(exchange)])
             for exchange in self._exchanges], dtype=float)
         self._hand: Hand | None = None  # of the solver
         self._solver: HandTracker | None = None
@@ -105,7 +102,7 @@ class ExchangeSearch:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the frames noted so far."""
+        """As of `LabelCheck`."""
         self._last, self._resumed = -math.inf, -math.inf   # [s]
         self._places = np.full((self._orders.shape[1], 3), math.inf)
         self._doubted = math.inf    # [m] sum of the residuals where an exchange was found
@@ -122,7 +119,7 @@ class ExchangeSearch:
         self._untried: list[int] = []
 
     def add(self, state: HandState, time: float | None) -> dict[int, int] | None:
-        """Note a frame; return which markers are rather others, as of `ExchangeCheck.add`."""
+        """As of `LabelCheck`."""
         if time is None or not math.isfinite(time) or not self._tracker.is_compiled:
             return None
         if self._markers is None and not self._takes(state, time):

@@ -209,7 +209,7 @@ class InputMonitor:
         self.events.update(now, state.marker_states, is_tracked)
 
     def exchanged(self, rather: Mapping[int, int]) -> None:
-        """Note which markers are rather others, as of `ExchangeCheck.add`, until noted anew."""
+        """Note which markers are rather others, as of `LabelCheck.add`, until noted anew."""
         names = self.labels.names
         if not rather and self.label_doubt is not None:
             self._doubts += 1   # the same may be said again

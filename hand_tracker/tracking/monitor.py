@@ -17,8 +17,7 @@ from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
-from .exchange_check import ExchangeCheck
-from .exchange_search import ExchangeSearch
+from .exchange_check import LabelCheck
 from .fit_check import OFF_HAND_DISTANCE
 from .input_monitor import InputMonitor, StateRun
 from .marker_events import LabelChanges
@@ -173,7 +172,7 @@ class Monitor:
         self._alike = AlikeFrames()
         self._side_check: SideCheck | None = None
         self._new_side_check: Callable[[], SideCheck] | None = None
-        self._exchange_check: ExchangeCheck | ExchangeSearch | None = None
+        self._exchange_check: LabelCheck | None = None
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
@@ -185,7 +184,7 @@ class Monitor:
         """Take another monitor for that of the person's other hand, and this for its."""
         self._input.other_hand, other._input.other_hand = other._input, self._input
 
-    def check_exchange(self, check: ExchangeCheck | ExchangeSearch | None) -> None:
+    def check_exchange(self, check: LabelCheck | None) -> None:
         """Check in the frames to come whether labels of digits are exchanged; None for no check."""
         self._exchange_check = check
         self._forget_exchange()
@@ -354,7 +353,7 @@ class Monitor:
         check = self._exchange_check
         if check is None or self._last is None or (
                 # By usual places the fingers of the other hand look exchanged.
-                isinstance(check, ExchangeCheck) and self._input.is_wrong):
+                self._input.is_wrong and check.needs_side):
             return
         rather = check.add(*self._last)
         if rather is None:

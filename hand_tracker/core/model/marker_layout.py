@@ -30,6 +30,7 @@ PAPER_PLACES = ('wrist', 'index_mcp', 'little_mcp',
 # A landmark is the distal end of a bone; a marker there is attached to that bone.
 PALM_LANDMARKS = ('wrist', 'thumb_cmc') + tuple(
     f'{finger}_{joint}' for finger in FINGERS for joint in ('cmc', 'mcp'))
+OF_PALM = 'palm'    # what these move with
 DIGIT_LANDMARKS = {
     **{finger: (f'{finger}_dip', f'{finger}_tip') for finger in FINGERS},
     'thumb': ('thumb_ip', 'thumb_tip'),
@@ -151,6 +152,12 @@ class MarkerLayout:
     def further(self) -> tuple[int, ...]:
         """Rows of the markers that are not principal ones."""
         return tuple(row for row in range(len(self.names)) if row not in self.principal)
+
+    @property
+    def digits(self) -> tuple[str, ...]:
+        """The digit that each marker moves with, by its place, or `OF_PALM`."""
+        return tuple(OF_PALM if place in PALM_LANDMARKS else place.partition('_')[0]
+                     for place in self.places)
 
     def with_offsets(self, offsets: ArrayLike) -> MarkerLayout:
         """Return the same markers at other offsets, shape (n, 3) [m]."""
