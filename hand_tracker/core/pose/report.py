@@ -340,16 +340,6 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
 
 
 @jit
-def _misfit(report: Report, offset: np.ndarray, digit: int) -> float:
-    """Return how far a digit's marker is off the hand [m]; 0 if unseen or still gone back to."""
-    for joint in range(5 * digit, 5 * digit + 5):
-        if offset[joint] != 0.:
-            return 0.
-    residual = report.residuals[3 + digit]
-    return residual if residual > 0. else 0.
-
-
-@jit
 def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tracks,
                     several: np.ndarray, offset: np.ndarray, placed: bool,
                     report: Report) -> None:
@@ -380,8 +370,6 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             palm_spread = report.residuals[i]
     hand_misfit = 0.
     for digit in range(5):
-        hand_misfit += _misfit(report, offset, digit) / 5.
-    for digit in range(5):
         if not placed or not digits.known[digit]:
             continue
         abduction = ABDUCTION_JOINTS[digit]
@@ -393,10 +381,17 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             lost = 1. - math.exp(-2. * hidden_for / HIDDEN_TIME)
         skin = chains.skin[digit]
         usual = skin if skin > 0. else MODEL_DEVIATION
-        misfit = _misfit(report, offset, digit)
+        misfit = report.residuals[3 + digit]
+        for joint in range(5 * digit, 5 * digit + 5):
+            # Of an angle that still goes back to its marker it is known how far.
+            if offset[joint] != 0.:
+                misfit = 0.
+        # Of a marker that is not seen it is NaN.
+        if not misfit > 0.:
+            misfit = 0.
+        hand_misfit += .2 * misfit
         model = max(usual, misfit)
-        # Where the whole hand is refuted, so is a digit that happens to meet its marker.
-        lost = max(lost, min(max(misfit, hand_misfit) / REFUTING_MISFIT, 1.) ** 2)
+        lost = max(lost, min(misfit / REFUTING_MISFIT, 1.) ** 2)
         along = noise + model * model
         across = noise + (ACROSS_DIGIT * model) ** 2
         # The marker on the pose, and how it moves with each angle [m/rad].
@@ -450,3 +445,10 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             # limits that may be new.
             if offset[joint] != 0.:
                 found[joint] = min(math.hypot(found[joint], offset[joint]), range_of_joint)
+    # Where the whole hand is refuted, so is a digit that happens to meet its marker.
+    refuted = min(hand_misfit / REFUTING_MISFIT, 1.) ** 2
+    for joint in range(len(found)):
+        unknown = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
+        if found[joint] < unknown:
+            found[joint] = math.sqrt(
+                (1. - refuted) * found[joint] ** 2 + refuted * unknown ** 2)
