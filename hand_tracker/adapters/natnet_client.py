@@ -103,6 +103,7 @@ class NatNetClient:
                 f"NatNet server '{server}', local address '{local}': {error}") from None
         self._clock = ClockEstimate()
         self._warned: set[str] = set()
+        self._frames = 0    # that came, damaged ones too
         self._reset()
 
     def _reset(self) -> None:
@@ -133,13 +134,19 @@ class NatNetClient:
         self._reset()
         is_joined = False
         heard, self._asked, self._echoed = time.monotonic(), -ASK_PERIOD, 0.
-        framed, sent = heard, self._sent
+        framed, frames = heard, self._frames
         while not ended.is_set():
             now = time.monotonic()
+            if now - heard > SILENCE:
+                self._warn_once(
+                    'silence', f'nothing comes from the NatNet server {self._server} '
+                    f"({self._address[0]}:{self._port}) for {SILENCE:g} s: is Motive's streaming "
+                    'on, and do firewalls let UDP through?')
+                return
             if self._info is None:
                 framed = now
-            elif self._sent != sent:
-                framed, sent = now, self._sent
+            elif self._frames != frames:
+                framed, frames = now, self._frames
                 self._warned.discard('frames')
             elif now - framed > SILENCE:
                 group = self._info.group
@@ -147,12 +154,6 @@ class NatNetClient:
                     'frames', f'the NatNet server {self._server} answers, but no frame came for '
                     f'{SILENCE:g} s: is Motive live, not paused, and its streaming on'
                     + (f', and does multicast ({group}) reach this machine?' if group else '?'))
-            if now - heard > SILENCE:
-                self._warn_once(
-                    'silence', f'nothing comes from the NatNet server {self._server} '
-                    f"({self._address[0]}:{self._port}) for {SILENCE:g} s: is Motive's streaming "
-                    'on, and do firewalls let UDP through?')
-                return
             self._ask(now)
             # Without a structure, of another model or server, what is relayed has the old names.
             relay = None if self._structure is None else self.relay
@@ -233,6 +234,7 @@ class NatNetClient:
         elif self._info is None:
             return
         elif number == FRAME:
+            self._frames += 1
             self._take_frame(frame_packet(data, self._info.version, self._structure), received)
         elif number == MODEL:
             self._model = model_definitions(data, self._info.version)
@@ -287,6 +289,7 @@ class NatNetClient:
 
     def _follow(self, data: bytes, received: int) -> None:
         """Note a frame that was relayed."""
+        self._frames += 1
         assert self._structure is not None
         _, _, self._sent = FRAME_TIMES.unpack_from(data, self._structure.times)
         self._clock.received(self._sent / self._frequency, 1e-9 * received)

@@ -364,14 +364,14 @@ class LaunchPlan:
         mounts = []
         for hand in self.hands:
             which = 'left_' if hand.namespace == 'left' else ''
-            mounts.append((self.given[f'{which}body_frame'], self.given[f'{which}mount']))
+            file = self.given[f'{which}mount']
+            if file and not Path(file).is_file():
+                raise InvalidLaunch(f"{which}mount: '{file}'; expected a parameter file, as "
+                                    '~/calibrate of the mount node writes')
+            mounts.append((self.given[f'{which}body_frame'], file))
         if any(map(any, mounts)) and not all(map(any, mounts)):
             raise InvalidLaunch('body_frame, mount, left_body_frame, left_mount: of one hand '
                                 'alone; expected that both hang on a body, or neither')
-        for _, file in mounts:
-            if file and not Path(file).is_file():
-                raise InvalidLaunch(f"mount: '{file}'; expected a parameter file, as "
-                                    '~/calibrate of the mount node writes')
         return mounts
 
     def _robot_parameters(self, hand: LaunchedHand) -> dict[str, Any]:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 NAMING = 'hand_file', 'side', 'prefix', 'wrist_frame'  # parameters of the tracker, too
 MOUNT_NUMBERS = 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 FARTHEST = 2.           # [m] of the wrist from the body's frame
+MISSED_AFTER = 2.       # [s] of a calibration after which a frame without poses is said
 END_CHECK_PERIOD = .1   # [s] between two checks whether a calibration is over
 STATIC_DEPTH = 100      # messages of /tf_static, one of each publisher
 MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
@@ -79,6 +80,7 @@ class MountNode(Node):
         self._body: PoseTrack
         self._wrist: PoseTrack
         self._ends = math.inf   # time at which the calibration is over [s]
+        self._missed = math.inf     # time at which frames without poses are said [s]
         self.create_service(Trigger, '~/calibrate', self._on_calibrate)
         self.create_timer(END_CHECK_PERIOD, self._check_end, clock=steady_clock())
         self._show(offset)
@@ -120,6 +122,7 @@ class MountNode(Node):
             self.create_subscription(TFMessage, '/tf', self._on_transforms, moving),
             self.create_subscription(TFMessage, '/tf_static', self._on_resting, resting)]
         self._ends = time.monotonic() + self._duration
+        self._missed = time.monotonic() + MISSED_AFTER
         response.success = True
         response.message = (
             f'for {self._duration:g} s move the arm to all sides and turn the wrist about all '
@@ -140,16 +143,32 @@ class MountNode(Node):
                     one.header.frame_id, one.child_frame_id, stamp, *pose_numbers(one.transform)):
                 continue
             moved.add(one.child_frame_id)
-        for frame, track in ((self._body_frame, self._body), (self._names.tracked, self._wrist)):
+        for frame, track in self._tracks:
             if moved.intersection(self._tree.chain(frame)):
                 pose = self._tree.pose(frame)
                 assert pose is not None
                 track.append(pose)
 
+    @property
+    def _tracks(self) -> tuple[tuple[str, PoseTrack], ...]:
+        """Frames of both captures, and their poses of this calibration."""
+        return (self._body_frame, self._body), (self._names.tracked, self._wrist)
+
+    def _say_missed(self) -> None:
+        """Say during a calibration which frame nobody broadcasts, so that nobody moves in vain."""
+        if time.monotonic() < self._missed:
+            return
+        self._missed = math.inf
+        for frame in (frame for frame, track in self._tracks if not len(track)):
+            log_line(self, True, f"calibration: no pose of the frame '{frame}' on /tf yet; "
+                     'expected it from ' + ("the body's driver (body_frame)" if
+                                            frame == self._body_frame else 'the tracker'))
+
     def _check_end(self) -> None:
+        self._say_missed()
         if time.monotonic() < self._ends:
             return
-        self._ends = math.inf
+        self._ends = self._missed = math.inf
         for subscription in self._heard:
             self.destroy_subscription(subscription)
         self._heard = []

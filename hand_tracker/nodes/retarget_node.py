@@ -469,13 +469,11 @@ class RetargetNode(SubscriptionHidingNode):
                 'time; two trackers of one hand would both move the robot (one that was killed '
                 'counts for 20 s)', once=True)
 
-    @property
-    def _unjudged(self) -> str:
-        """Why nobody judges how much is known of the hand, or nothing."""
-        now = time.monotonic()
-        hand, deviations = (one.topic_name for one in self._joint_subscriptions[:2])
-        if not self._judges_hand or self.count_publishers(deviations) or not (
-                self.count_publishers(hand)):
+    def _find_unjudged(self) -> str:
+        """Return why nobody judges how much is known of the hand, or nothing."""
+        now, deviations = time.monotonic(), self._joint_subscriptions[1].topic_name
+        if not self._judges_hand or not self._teleoperation.has_hand(now) or (
+                self.count_publishers(deviations)):
             self._judged_time = now
         # Of a tracker that starts, discovery may have found one of its topics alone.
         if now - self._judged_time < DISCOVERED_AFTER:
@@ -496,7 +494,7 @@ class RetargetNode(SubscriptionHidingNode):
     def _publish_status(self) -> None:
         self._warn_of_shared_topic()
         self._namesake_fault = namesake_fault(self)
-        unjudged = self._unjudged
+        unjudged = self._find_unjudged()
         if unjudged:
             self.get_logger().warning(unjudged, once=True)
         guard, fault = self._teleoperation.guard, self._teleoperation.fault

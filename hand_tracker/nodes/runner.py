@@ -9,6 +9,7 @@ import re
 import shlex
 import signal
 import sys
+from ast import literal_eval
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
@@ -224,7 +225,7 @@ def work_in_thread(work: Callable[[], object], stop: Callable[[], object]) -> No
     work : callable
         What it raises is raised here.
     stop : callable
-        Makes `work` end; also called where it has ended.
+        Makes `work` end.
     """
     ended: SimpleQueue[BaseException | None] = SimpleQueue()
 
@@ -240,10 +241,11 @@ def work_in_thread(work: Callable[[], object], stop: Callable[[], object]) -> No
 
     Thread(target=attempt, daemon=True).start()
     try:
-        ended.get()
-    finally:
-        stop()
         fault = ended.get()
+    except BaseException:
+        stop()
+        ended.get()
+        raise
     if fault:
         raise fault
 
@@ -337,8 +339,8 @@ def _init(args: list[str] | None) -> None:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # RCLError has no public name
         # Words between --ros-args and a flag are all that it says.
-        if unknown := re.findall(r"'([^']+)'", str(error)) if str(error)[:2] == "['" else []:
-            raise _foreign_words(unknown) from None
+        if re.match(r"""\[['"]""", str(error)):
+            raise _foreign_words(literal_eval(str(error))) from None
         places_in_rcl = r', at \S+:\d+'
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 

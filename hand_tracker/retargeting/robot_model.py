@@ -211,7 +211,7 @@ def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
             # left out, does not forbid all movement.
             if narrowed[1] - narrowed[0] > .5 * (upper - lower):
                 bounds[variable] = narrowed
-            else:
+            elif upper > lower:
                 notes.append(_against_limits(joint, variables[variable], lower, upper, multiplier,
                                              offset) + ', which are not kept')
     return RobotModel(

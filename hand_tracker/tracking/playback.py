@@ -170,7 +170,7 @@ class Playback:
                 if not self._paused and left <= BUSY_WAIT:
                     break
                 self._changed.wait(None if self._paused else (left - BUSY_WAIT) * 1e-9)
-            if self._closed:
+            else:
                 return None
             due = self._steady + self._elapse(recorded)
             wall = self._wall + self._elapse(recorded)

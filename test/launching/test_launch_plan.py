@@ -116,10 +116,9 @@ def test_a_keystore_that_nothing_uses_is_refused(tmp_path):
 
 
 def test_a_mount_that_is_no_file_is_refused(tmp_path):
-    for given in {'mount': str(tmp_path)}, {'side': 'both', 'body_frame': 'arm',
-                                            'left_mount': str(tmp_path / 'none.yaml')}:
-        with pytest.raises(InvalidLaunch, match="mount: '.*'; expected a parameter file"):
-            plan_of(**given)
+    for name, given in (('mount', {}), ('left_mount', {'side': 'both', 'body_frame': 'arm'})):
+        with pytest.raises(InvalidLaunch, match=f"^{name}: '.*'; expected a parameter file"):
+            plan_of(**given, **{name: str(tmp_path / 'none.yaml')})
 
 
 def test_a_urdf_without_a_robot_is_refused():

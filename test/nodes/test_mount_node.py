@@ -137,6 +137,17 @@ def test_a_calibration_without_a_body_says_so_and_changes_nothing(tmp_path):
     assert 'Traceback' not in mount.output and not written.exists()
 
 
+def test_frames_that_nobody_broadcasts_are_named_while_a_calibration_goes_on(tmp_path):
+    with (NodeProcess(MOUNT, {'body_frame': 'forearm', 'duration': 600.,
+                              'mount_file': str(tmp_path / 'mount.yaml')}) as mount,
+          watching_node() as node):
+        mount.wait_for_line('rests in forearm')
+        assert node.call(Trigger, 'mount/calibrate', Trigger.Request()).success
+        mount.wait_for_line("no pose of the frame 'forearm' on /tf yet; expected it from the body")
+        mount.wait_for_line("no pose of the frame 'right_wrist_tracked' on /tf yet")
+        assert mount.interrupt() == 0
+
+
 def test_a_file_that_cannot_be_written_is_said_before_anybody_moves(tmp_path):
     written = tmp_path / 'nowhere' / 'mount.yaml'
     with (NodeProcess(MOUNT, {'body_frame': 'forearm', 'mount_file': str(written)}) as mount,

@@ -197,8 +197,7 @@ def test_a_hand_of_which_nobody_says_how_much_is_known_is_told(robot):
         bench, statuses = Bench(node), node.collect(DiagnosticArray, '/diagnostics')
         bench.start = robot_states(joints(), .05)
         bench.until('following')
-        process.wait_for_line(line)
-        node.spin_until(lambda: warned(DiagnosticStatus.WARN))
+        node.spin_until(lambda: line in process.output and warned(DiagnosticStatus.WARN))
         node.create_publisher(JointState, 'joint_confidence', 10)
         node.spin_until(lambda: statuses and not any(
             line in status.message for status in statuses[-1].status))

@@ -132,11 +132,9 @@ def test_an_interrupt_tells_what_works_in_a_thread_to_stop():
 
 def test_what_is_raised_in_a_thread_is_raised_where_it_is_waited_for():
     from hand_tracker.nodes.runner import work_in_thread
-    stops = []
 
     def work():
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        work_in_thread(work, lambda: stops.append(True))
-    assert stops == [True]
+        work_in_thread(work, print)

@@ -27,6 +27,7 @@ MODEL_DEVIATION = .0018
 ACROSS_DIGIT = 1.5         # [1] the same across the digit, relative to it
 SHARED_ERROR = 1.8         # [1] factor for several markers of a digit: their errors correlate
 REFUTING_MISFIT = .02      # [m] of a marker from the hand, at which it tells nothing of its digit
+MOST_MISFIT = .04          # [m] of one marker that counts against the others
 SADDLE_DEVIATION = .045    # [rad] of the thumb's abduction, by the axes of its saddle joint
 LEAST_LEVER = 1e-3         # [m] distance from the axis below which a marker counts as on it
 # Abduction, first and second flexion of each digit, (15,): what its marker shows.

@@ -38,6 +38,7 @@ from .deviation import (
     LEAST_LEVER,
     LIMITS_SHARE,
     MODEL_DEVIATION,
+    MOST_MISFIT,
     REFUTING_MISFIT,
     SADDLE_DEVIATION,
     SHARED_ERROR,
@@ -389,9 +390,11 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         # Of a marker that is not seen it is NaN.
         if not misfit > 0.:
             misfit = 0.
-        hand_misfit += .2 * misfit
+        # One marker alone, however far off, does not refute the others.
+        hand_misfit += .2 * min(misfit, MOST_MISFIT)
         model = max(usual, misfit)
-        lost = max(lost, min(misfit / REFUTING_MISFIT, 1.) ** 2)
+        refuted = min(misfit / REFUTING_MISFIT, 1.) ** 2
+        lost = max(lost, refuted)
         along = noise + model * model
         across = noise + (ACROSS_DIGIT * model) ** 2
         # The marker on the pose, and how it moves with each angle [m/rad].
@@ -440,7 +443,8 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             range_of_joint = chains.upper[joint] - chains.lower[joint]
             if several[joint] > 0.:
                 shown = SHARED_ERROR * several[joint] * (model / usual)
-                found[joint] = deviation_within(shown * shown, LIMITS_SHARE * range_of_joint, 0.)
+                found[joint] = deviation_within(
+                    shown * shown, LIMITS_SHARE * range_of_joint, refuted)
             # An angle that still goes back to its marker is off by as much as it has to go, within
             # limits that may be new.
             if offset[joint] != 0.:
