@@ -40,6 +40,7 @@ QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
 RETRY_TIME = 2.     # [s]
 END_POLL = .05      # [s]
 ANSWER_TIME = 5.    # [s]
+QUIET_AFTER = 5 * 10**9     # [ns] without a frame before that is said
 
 
 class QualisysClient:
@@ -157,6 +158,7 @@ class QualisysClient:
         protocol.transport.pause_reading()
         connection = protocol.transport.get_extra_info('socket').fileno()
         fault: Exception | None = None
+        heard, is_quiet = monotonic_ns(), False
         with selectors.DefaultSelector() as selector:
             selector.register(connection, selectors.EVENT_READ)
             while not ended.is_set():
@@ -167,7 +169,9 @@ class QualisysClient:
                 # Without a structure, of another connection, what is relayed has the old names.
                 relay = (self.relay if protocol.is_between_packets
                          and self._structure is not None else None)
-                for data, _, is_relayed in receive(selector, END_POLL, relay, is_stream=True):
+                for data, received, is_relayed in receive(
+                        selector, END_POLL, relay, is_stream=True):
+                    heard, is_quiet = received, False
                     if not data:
                         return
                     try:
@@ -175,6 +179,10 @@ class QualisysClient:
                             protocol.data_received(data)
                     except Exception as error:
                         fault = error
+                if not is_quiet and monotonic_ns() - heard > QUIET_AFTER:
+                    is_quiet = True
+                    self._on_news(True, f'QTM on {self._server} is connected, but no frame came '
+                                  f'for {1e-9 * QUIET_AFTER:g} s: is it measuring?')
 
     async def _connect(self) -> Any:
         """Return a connection's protocol, as qtm_rt.connect does, but of checked packets."""

@@ -302,7 +302,11 @@ class LaunchPlan:
             if self._file is not None:
                 self._file.require([self.full_name(*node) for node in nodes])
         except HandTrackerError as error:
-            raise InvalidLaunch(f'parameters: {error}') from None
+            is_without_robot = f'for {RETARGET_NAME};' in str(error) and not any(
+                robot['robot'] for robot in self.robots)
+            raise InvalidLaunch(f'parameters: {error}' + (
+                '; there is a retarget node with robot:= alone' if is_without_robot else '')
+                ) from None
 
     def _shared_parameters(self) -> dict[str, Any]:
         """Return the parameters of the tracker that the URDF depends on."""

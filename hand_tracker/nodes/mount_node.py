@@ -159,10 +159,11 @@ class MountNode(Node):
         if time.monotonic() < self._missed:
             return
         self._missed = math.inf
-        for frame in (frame for frame, track in self._tracks if not len(track)):
-            log_line(self, True, f"calibration: no pose of the frame '{frame}' on /tf yet; "
-                     'expected it from ' + ("the body's driver (body_frame)" if
-                                            frame == self._body_frame else 'the tracker'))
+        for frame, track in self._tracks:
+            if not len(track):
+                sender = "the body's driver" if frame == self._body_frame else 'the tracker'
+                log_line(self, True, f"calibration: no pose of the frame '{frame}' on /tf yet; "
+                         f'expected it from {sender}')
 
     def _check_end(self) -> None:
         self._say_missed()

@@ -163,6 +163,19 @@ def test_a_qtm_that_is_not_there_is_told_once_and_found_when_it_comes(monkeypatc
     assert 'Is QTM measuring' in news[0][1]
 
 
+def test_a_qtm_that_sends_no_frames_is_told_once_until_they_come(monkeypatch):
+    monkeypatch.setattr(qualisys, 'QUIET_AFTER', 3 * 10**8)
+
+    def told():
+        return ['no frame came' in text for _, text in news].count(True)
+
+    with QtmServer(LABELS) as server, receiving(server) as (frames, news):
+        wait(lambda: server.streams)
+        for number in 1, 2:
+            server.send(data_packet(number, 1000 * number, {'3d': [[1., 0., 0.]] * 2}))
+            wait(lambda count=number: len(frames) == count and told() >= count)
+
+
 def test_components_are_checked_and_the_package_is_named(monkeypatch):
     with pytest.raises(SourceUnavailable, match='6d.*expected some of 3d 3dres'):
         QualisysClient('127.0.0.1', print, print, ('3d', '6d'))

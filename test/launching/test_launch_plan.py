@@ -206,6 +206,13 @@ def test_a_robot_is_driven_by_the_hand_that_is_tracked(tmp_path, section, given,
         plan_of(parameters=str(file), **given)  # retarget is not started
 
 
+def test_a_parameter_file_for_retarget_alone_asks_for_a_robot(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('retarget: {ros__parameters: {outputs: joint_trajectory}}')
+    with pytest.raises(InvalidLaunch, match='there is a retarget node with robot:= alone'):
+        plan_of(parameters=str(file))
+
+
 def test_a_parameter_file_is_for_a_node_that_is_started(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('retarget: {ros__parameters: {outputs: joint_trajectory}}')
