@@ -40,7 +40,7 @@ QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
 RETRY_TIME = 2.     # [s]
 END_POLL = .05      # [s]
 ANSWER_TIME = 5.    # [s]
-QUIET_AFTER = 5 * 10**9     # [ns] without a frame before that is said
+QTM_SILENCE = 5 * 10**9     # [ns] without a frame before that is said
 
 
 class QualisysClient:
@@ -179,10 +179,10 @@ class QualisysClient:
                             protocol.data_received(data)
                     except Exception as error:
                         fault = error
-                if not is_quiet and monotonic_ns() - heard > QUIET_AFTER:
+                if not is_quiet and monotonic_ns() - heard > QTM_SILENCE:
                     is_quiet = True
                     self._on_news(True, f'QTM on {self._server} is connected, but no frame came '
-                                  f'for {1e-9 * QUIET_AFTER:g} s: is it measuring?')
+                                  f'for {1e-9 * QTM_SILENCE:g} s: is it measuring?')
 
     async def _connect(self) -> Any:
         """Return a connection's protocol, as qtm_rt.connect does, but of checked packets."""

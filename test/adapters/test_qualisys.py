@@ -164,7 +164,7 @@ def test_a_qtm_that_is_not_there_is_told_once_and_found_when_it_comes(monkeypatc
 
 
 def test_a_qtm_that_sends_no_frames_is_told_once_until_they_come(monkeypatch):
-    monkeypatch.setattr(qualisys, 'QUIET_AFTER', 3 * 10**8)
+    monkeypatch.setattr(qualisys, 'QTM_SILENCE', 3 * 10**8)
 
     def told():
         return ['no frame came' in text for _, text in news].count(True)
