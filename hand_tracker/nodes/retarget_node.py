@@ -472,7 +472,7 @@ class RetargetNode(SubscriptionHidingNode):
     def _find_unjudged(self) -> str:
         """Return why nobody judges how much is known of the hand, or nothing."""
         now, deviations = time.monotonic(), self._joint_subscriptions[1].topic_name
-        if not self._judges_hand or not self._teleoperation.has_hand(now) or (
+        if not self._judges_hand or not self._teleoperation.guard.has_hand(now) or (
                 self.count_publishers(deviations)):
             self._judged_time = now
         # Of a tracker that starts, discovery may have found one of its topics alone.

@@ -225,6 +225,16 @@ class CommandGuard:
         self._go(GuardState.EASING, "moving slowly to the person's pose")
         return ''
 
+    def has_hand(self, now: float) -> bool:
+        """Return whether a frame of the hand came within `hand_timeout`.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        return not now - self.memory.hand_time[0] > self.memory.hand_timeout
+
     def missing(self, now: float) -> str:
         """Return what is missing to engage the robot, or nothing.
 
@@ -236,7 +246,7 @@ class CommandGuard:
         memory = self.memory
         if self.options.hold_to_engage and now - memory.press_time[0] > memory.hold_timeout[0]:
             return 'the deadman is not pressed (hold_to_engage)'
-        if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
+        if not memory.has_wanted[0] or not self.has_hand(now):
             return NO_HAND
         if self.state is GuardState.RELAXING or not self.options.require_robot_state:
             return ''
@@ -353,7 +363,7 @@ class CommandGuard:
         if self.is_engaged and now - memory.robot_time[0] > memory.robot_timeout:
             # It may start anew elsewhere, and would snap to the command.
             self.disengage(f"the robot's joint states ended{self._robot_fault()}")
-        is_lost = now - memory.hand_time[0] > memory.hand_timeout
+        is_lost = not self.has_hand(now)
         if self.is_following and is_lost:
             # Lost since its last frame grew old, even if nobody looked then.
             grown_old = float(memory.hand_time[0]) + memory.hand_timeout

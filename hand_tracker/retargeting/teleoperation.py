@@ -140,10 +140,6 @@ class Teleoperation:
         self._refused_time = -math.inf  # of angles that are none
         self._lacks_unknown = False     # the last message of deviations
 
-    def has_hand(self, now: float) -> bool:
-        """Return whether a frame of the hand came within `hand_timeout`; time in seconds."""
-        return bool(now - self._memory.hand_time[0] <= self.guard.options.hand_timeout)
-
     def why_lost(self, now: float) -> str:
         """Return why a hand counts as lost though its joint states come, in words, or nothing.
 
