@@ -34,6 +34,7 @@ ONSET_TIMES = (.015, .08)          # [s] ago that a motion detected by each of t
 INNOVATION_GATES = (22., 20.)      # of χ² (3 degrees of freedom): a false alarm in minutes
 
 PACE_TIME = .02           # [s] time constant of the mean velocity; from captures
+MISFIT_TIME = .1          # [s] in which a seen marker's last misfit falls to 1/e
 RESTART_HIDDEN_TIME = .1  # [s] hidden for longer, a marker seen again starts a new filter
 
 
@@ -60,6 +61,8 @@ class Tracks(NamedTuple):
     strayed : ndarray, shape (n, 3)
         Of a digit's marker measured while the palm is lost: its own motion since, by which it is
         off `mean` [m].
+    misfit : ndarray, shape (n,)
+        Distance from the reported hand: the largest of late, as it decays while seen [m].
     """
 
     mean: np.ndarray
@@ -70,6 +73,7 @@ class Tracks(NamedTuple):
     known: np.ndarray
     hidden_for: np.ndarray
     strayed: np.ndarray
+    misfit: np.ndarray
 
 
 def initial_tracks(positions: np.ndarray) -> Tracks:
@@ -80,7 +84,7 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
     return Tracks(
         mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
         np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n),
-        np.zeros((n, 3)))
+        np.zeros((n, 3)), np.zeros(n))
 
 
 @jit
@@ -195,6 +199,7 @@ def update_track(tracks: Tracks, row: int, observed: Vector, step: float, noise:
         store(tracks.mean, row, observed)
     if tracks.seen[row]:
         _update_pace(tracks, row, before, step)
+    tracks.misfit[row] *= math.exp(-step / MISFIT_TIME)
     tracks.known[row] = True
     tracks.hidden_for[row] = 0.
 

@@ -341,6 +341,14 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
 
 
 @jit
+def _recent_misfit(tracks: Tracks, row: int, residual: float) -> float:
+    """Note a marker's residual, NaN where it is not seen; return the largest of late [m]."""
+    if residual > tracks.misfit[row]:
+        tracks.misfit[row] = residual
+    return tracks.misfit[row]
+
+
+@jit
 def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tracks,
                     several: np.ndarray, offset: np.ndarray, placed: bool,
                     report: Report) -> None:
@@ -352,6 +360,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
     mounting : Mounting
         Of the principal markers, on the hand's own side.
     palm, digits : Tracks
+        Their misfits are changed.
     several : ndarray, shape (25,)
         Deviation of the angles that several markers show, else 0 [rad].
     offset : ndarray, shape (25,)
@@ -366,9 +375,8 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         found[joint] = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
     palm_spread = 0.
     for i in range(3):
-        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]))
-        if report.residuals[i] > palm_spread:
-            palm_spread = report.residuals[i]
+        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]),
+                          _recent_misfit(palm, i, report.residuals[i]))
     hand_misfit = 0.
     for digit in range(5):
         if not placed or not digits.known[digit]:
@@ -387,9 +395,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             # Of an angle that still goes back to its marker it is known how far.
             if offset[joint] != 0.:
                 misfit = 0.
-        # Of a marker that is not seen it is NaN.
-        if not misfit > 0.:
-            misfit = 0.
+        misfit = _recent_misfit(digits, digit, misfit)
         # One marker alone, however far off, does not refute the others.
         hand_misfit += .2 * min(misfit, MOST_MISFIT)
         model = max(usual, misfit)

@@ -143,6 +143,23 @@ def test_markers_far_off_the_hand_refute_a_digit_that_meets_its_own():
     assert found[SHOWN_JOINTS] == pytest.approx(UNKNOWN[SHOWN_JOINTS], rel=1e-12)
 
 
+def test_a_hand_that_is_refuted_stays_so_while_its_markers_are_hidden():
+    tracker, rows = HandTracker(HAND), np.arange(len(JOINTS))
+    right = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.)))
+    wrong = right * (1., 1., -1.)
+    found = []
+    for frame in range(240):
+        markers = (right if frame < 60 else wrong).copy()
+        # A hand whose digits come and go, and one that is right again from 1.5 s on.
+        if 100 <= frame < 180 and frame % 10 < 4:
+            markers[3:7] = np.nan
+        state = tracker.update(right if frame >= 180 else markers, frame / 120.)
+        found.append(mean_confidence(state.deviation, rows, UNKNOWN))
+    assert min(found[30:60]) > .5
+    assert max(found[84:180]) < .05
+    assert min(found[220:]) > .5
+
+
 def test_noise_of_a_marker_and_of_the_palm_add():
     shown = np.concatenate((ABDUCTION_JOINTS, FLEXION_JOINTS.ravel()))
     quiet = deviations(bent(30.))[shown]
