@@ -122,7 +122,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._said: tuple[str, str] | None = None
         self._known_jumps = 0   # of the last status
         self._judges_hand = values['min_confidence'] > 0.
-        self._judged_time = time.monotonic()  # when somebody published its deviations
+        self._judged_time = time.monotonic()  # when deviations last said how much is known of it
+        self._known_judged = 0
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
@@ -471,14 +472,17 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _find_unjudged(self) -> str:
         """Return why nobody judges how much is known of the hand, or nothing."""
-        now, deviations = time.monotonic(), self._joint_subscriptions[1].topic_name
-        if not self._judges_hand or not self._teleoperation.guard.has_hand(now) or (
-                self.count_publishers(deviations)):
-            self._judged_time = now
+        now, judged = time.monotonic(), self._teleoperation.judged
+        if judged != self._known_judged or not self._judges_hand or (
+                not self._teleoperation.guard.has_hand(now)):
+            self._judged_time, self._known_judged = now, judged
         # Of a tracker that starts, discovery may have found one of its topics alone.
         if now - self._judged_time < DISCOVERED_AFTER:
             return ''
-        return (f'nobody publishes {deviations}: a hand whose markers are lost is followed '
+        topic = self._joint_subscriptions[1].topic_name
+        fault = (f'{topic} says nothing of this hand' if self.count_publishers(topic)
+                 else f'nobody publishes {topic}')
+        return (f'{fault}: a hand whose markers are lost is followed '
                 '(remap joint_confidence, or set min_confidence to 0)')
 
     def _warn_of_shared_commands(self) -> None:

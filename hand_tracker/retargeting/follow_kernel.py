@@ -51,6 +51,8 @@ class FollowMemory(NamedTuple):
     repeat_time : ndarray, shape (1,)
         When the last of these came [s].
     is_confident : ndarray of int, shape (1,)
+    judged : ndarray of int, shape (1,)
+        How often deviations said whether it is.
     min_confidence : float
         `mean_confidence` of the hand below which it counts as lost.
     used : ndarray of int, shape (GUARD_CAPACITY,)
@@ -72,6 +74,7 @@ class FollowMemory(NamedTuple):
     repeated: np.ndarray
     repeat_time: np.ndarray
     is_confident: np.ndarray
+    judged: np.ndarray
     min_confidence: float
     used: np.ndarray
     held: np.ndarray
@@ -112,7 +115,7 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     return FollowMemory(
         new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames, options.jump_time),
         np.full(1, -math.inf), np.full(1, UNSTAMPED), np.zeros(1, np.int64),
-        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence,
+        np.full(1, -math.inf), np.ones(1, np.int64), np.zeros(1, np.int64), min_confidence,
         padded(solved, np.int64), padded(held), padded(held), len(variable),
         padded(variable, np.int64), padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
 
@@ -134,6 +137,7 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
     memory = memories[0]
     memory.is_confident[0] = (
         mean_confidence(numbers, rows, unknown) >= memory.min_confidence)
+    memory.judged[0] += 1
     if not memory.is_confident[0]:
         lose_hand(guards)
 

@@ -171,6 +171,11 @@ class Teleoperation:
         return int(self._memory.repeated[0])
 
     @property
+    def judged(self) -> int:
+        """How often deviations of the hand's angles said whether enough is known of it."""
+        return int(self._memory.judged[0])
+
+    @property
     def packs(self) -> tuple[Pack[Any], ...]:
         """The arguments of `follow_frame` before the stamp."""
         return self._pack, *self._retargeter.packs, self.guard.pack

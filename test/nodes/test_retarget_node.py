@@ -198,9 +198,16 @@ def test_a_hand_of_which_nobody_says_how_much_is_known_is_told(robot):
         bench.start = robot_states(joints(), .05)
         bench.until('following')
         node.spin_until(lambda: line in process.output and warned(DiagnosticStatus.WARN))
-        node.create_publisher(JointState, 'joint_confidence', 10)
+        publisher = node.create_publisher(JointState, 'joint_confidence', 10)
         node.spin_until(lambda: statuses and not any(
             line in status.message for status in statuses[-1].status))
+        # A publisher that says nothing, or of another hand, is no judge.
+        line = '/joint_confidence says nothing of this hand: a hand whose markers are lost'
+        node.spin_until(lambda: warned(DiagnosticStatus.WARN))
+        judgement = joint_state(Time(), bench.names.joints, [.01] * 25)
+        judgement.effort = [.3] * 25
+        node.repeat(lambda: publisher.publish(judgement), lambda: statuses and not any(
+            line in status.message for status in statuses[-1].status), PERIOD)
         assert process.interrupt() == 0, process.output
 
 
