@@ -336,7 +336,7 @@ def _draw_header(figure: Figure, digit: str, title: str, states: np.ndarray,
         for label, colour, style in lines]
     handles += [Patch(color=MARKER_COLOURS[state], label=state.name.lower())
                 for state in MarkerState if (states == state).any()]
-    figure.legend(handles=handles, loc='upper right', ncols=len(handles), frameon=False,
+    figure.legend(handles=handles, loc='upper right', ncol=len(handles), frameon=False,
                   bbox_to_anchor=(1. - (RIGHT_MARGIN - .1) / PAGE_WIDTH, 1. - .06 / height),
                   fontsize=8.5, labelcolor=INK, handlelength=1.3, columnspacing=1.1,
                   handletextpad=.5)

@@ -210,7 +210,7 @@ def _draw_title_bar(figure: Figure, title: str) -> None:
     handles += [Line2D([], [], linewidth=4, solid_capstyle='round', color=colour, label=digit)
                 for colour, digit in zip(DIGIT_COLOURS, DIGITS)]
     figure.legend(handles=handles, loc='center right', bbox_to_anchor=(.995, middle),
-                  ncols=len(handles), frameon=False, fontsize=7, labelcolor=INK,
+                  ncol=len(handles), frameon=False, fontsize=7, labelcolor=INK,
                   columnspacing=.8, handletextpad=.4, handlelength=1.)
 
 

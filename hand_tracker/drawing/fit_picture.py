@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
+from .legends import add_legend_below
 from .palette import BLUE, DIGIT_COLOURS, GREY, INK, MUTED, VERMILLION
 
 FIT_PANEL = 3.4  # [inches] width of a pose
@@ -67,8 +68,7 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
                 if hand.side == 'right':
                     ax.invert_xaxis()   # of the whole row
                 ax.set_ylabel(f'{FIT_AXES[up]} [mm]', fontsize=8, color=MUTED)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc='outside lower center', ncols=7,
-                  frameon=False, fontsize=8)
+    add_legend_below(figure, axes[0][0].get_legend_handles_labels()[0])
     figure.savefig(path, metadata={'Software': None})
 
 

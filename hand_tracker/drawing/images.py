@@ -129,7 +129,7 @@ def _quantized(images: Sequence[Image.Image], palette: Image.Image,
     """Yield images in the colours of a palette, with small changes suppressed."""
     shown: Image.Image | None = None
     for image in images:
-        new = image.quantize(palette=palette, dither=Image.Dither.NONE)
+        new = image.quantize(palette=palette, dither=Image.NONE)
         if shown is not None and tolerance:
             wanted = np.asarray(image, dtype=int)
             change = np.abs(wanted - np.asarray(shown.convert('RGB'))).max(axis=2)

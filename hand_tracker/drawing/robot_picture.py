@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from .images import AnimatedFigure, save_gif
+from .legends import add_legend_below
 from .palette import DIGIT_COLOURS, GREY, GRID, INK, MUTED
 
 ROBOT_PANEL = 2.4  # [inches] width of a pose
@@ -126,7 +127,7 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
                     layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(rows), len(poses), squeeze=False, sharex='row', sharey='row',
-                           height_ratios=heights)
+                           gridspec_kw={'height_ratios': heights})
     for row, (view, hand) in enumerate(rows):
         for column, (ax, pose) in enumerate(zip(axes[row], poses)):
             digits = getattr(pose, hand)
@@ -157,8 +158,7 @@ def _draw_legend(figure: Figure, pose: RobotPose, has_spheres: bool) -> None:
         handles.append(Line2D([], [], linestyle='', marker='o', markersize=9., color=MUTED,
                               markeredgewidth=0., alpha=SPHERE_ALPHA,
                               label='sphere with which a tip touches'))
-    figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False,
-                  fontsize=8, labelcolor=INK)
+    add_legend_below(figure, handles, labelcolor=INK)
 
 
 def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[RobotPose],
@@ -179,7 +179,7 @@ def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[R
     limits = [_limits(poses, hands, view) for view in ROBOT_VIEWS]
     figure = Figure(figsize=ROBOT_GIF_SIZE, dpi=80, layout='constrained')
     axes = figure.subplots(len(ROBOT_VIEWS), len(hands), squeeze=False,
-                           height_ratios=[np.ptp(up) for _, up in limits])
+                           gridspec_kw={'height_ratios': [np.ptp(up) for _, up in limits]})
     lines = []
     for row, view in enumerate(ROBOT_VIEWS):
         for column, hand in enumerate(hands):

@@ -360,7 +360,7 @@ def _draw_hands(rows: list[Row], path: Path) -> None:
         Line2D([], [], marker='o', linestyle='', markersize=5, color=colour, label=label)
         for colour, label in ((SEEN_COLOUR, 'marker, measured'),
                               (HIDDEN_COLOUR, 'marker not seen: its place on the hand'))],
-        loc='upper center', ncols=2, frameon=False, fontsize=8, labelcolor=INK)
+        loc='upper center', ncol=2, frameon=False, fontsize=8, labelcolor=INK)
     save_figure(figure, path)
 
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..drawing.palette import (
     BLUE,
@@ -126,6 +125,9 @@ def figure_with(count: int, width: float = 4., height: float = 3.2,
     figure : matplotlib.figure.Figure
     axes : list of matplotlib.axes.Axes
     """
+    # Of matplotlib 3.6, which only pictures need.
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     columns = columns or count
     rows = -(-count // columns)
     whole = rows * height + LEGEND_HEIGHT
@@ -175,7 +177,7 @@ def save_figure(figure: Figure, path: Path, legend_of: Axes | None = None) -> No
     if legend_of is not None:
         handles, labels = legend_of.get_legend_handles_labels()
         rows = -(-len(labels) // WIDEST_LEGEND)
-        figure.legend(handles, labels, loc='upper center', ncols=-(-len(labels) // rows),
+        figure.legend(handles, labels, loc='upper center', ncol=-(-len(labels) // rows),
                       frameon=False, fontsize=8, labelcolor=INK)
     # Without the version of matplotlib: equal numbers give equal files.
     figure.savefig(path, metadata={'Software': None})

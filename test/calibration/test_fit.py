@@ -64,7 +64,7 @@ def recorded(hand, seed=0, noise=0.):
     angles[:, LEADERS + 1] = np.clip(
         hand.coupling[:, 0] * angles[:, LEADERS] + hand.coupling[:, 1],
         lower[LEADERS + 1], upper[LEADERS + 1])
-    rotation = Rotation.random(FRAMES, rng=random).as_matrix()
+    rotation = Rotation.random(FRAMES, random).as_matrix()
     position = random.normal(0., .3, (FRAMES, 3))
     pose = forward(joint_table(hand), angles, rotation, position)
     joints = landmark_positions(hand, pose, position)
