@@ -348,7 +348,7 @@ def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     Returns
     -------
     int
-        Iterations of FABRIK, over all digits.
+        Iterations of FABRIK, over all digits; the repetitions of the first frame do not count.
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     targets = state.rows.targets

@@ -68,7 +68,7 @@ class HandState(NamedTuple):
     residuals : ndarray, shape (n,)
         Distance of each seen marker from its place on the pose, NaN for hidden ones [m].
     iterations : int
-        Of FABRIK, over all digits.
+        Of FABRIK, over all digits; the repetitions of the first frame do not count.
     """
 
     palm: PalmState
@@ -362,7 +362,7 @@ class HandTracker:
                 self._report)
 
     @staticmethod
-    def state_from_report(report: Pack[Report], listed: int = 0) -> HandState:
+    def state_from_report(report: Pack[Report], listed: int) -> HandState:
         """Return the `HandState` of a packed `Report`; they share their arrays.
 
         `listed` is the layout's `listed_count`.

@@ -421,7 +421,7 @@ def _is_increasing(values: np.ndarray) -> bool:
 
 def write_point_rows(path: Path, header: str, recording: PointRecording, matrix: np.ndarray,
                      decimals: int, delimiter: str, lead: str, missing: str = '',
-                     line_end: str = '\n', first: int = 1) -> None:
+                     first: int = 1) -> None:
     """Write points as rows of text.
 
     Parameters
@@ -438,7 +438,6 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
         Format of the first cells, of `frame` (from 0), `number` (from `first`) and `time` [s].
     missing : str, optional
         Cell of a coordinate of a missing point.
-    line_end : str, optional
     first : int, optional
         Number of the first frame.
     """
@@ -454,7 +453,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
                 if 'nan' in text:
                     text = text.replace('nan', missing)
                 start = lead.format(frame=frame, number=frame + first, time=next(times))
-                file.write(f'{start}{delimiter}{text}{line_end}')
+                file.write(f'{start}{delimiter}{text}\n')
                 frame += 1
 
 

@@ -24,7 +24,7 @@ from ..calibration.calibrate_takes import calibrate_takes
 from ..calibration.live_take import CALIBRATION_KEY, MAX_DURATION, Coverage, LiveTake
 from ..calibration.prompts import PROMPTS
 from ..calibration.takes import InvalidTake
-from ..core.model.hand import WEARER_LIMITS, Hand
+from ..core.model.hand import Hand
 from ..messages.builders import diagnostics
 from ..messages.stamps import seconds
 from ..output_files import YAML_SUFFIXES, OutputError, require_writable
@@ -38,7 +38,14 @@ from .parameters import Parameter
 from .runner import POLL, declare, log_line, qos_of, run, spinning
 from .serialization import Serialization
 from .topic_publishers import who_publishes
-from .tracker_parameters import AUTO, START, live_settings, live_table, starting_hand, with_defaults
+from .tracker_parameters import (
+    START,
+    calibration_limits,
+    live_settings,
+    live_table,
+    starting_hand,
+    with_defaults,
+)
 
 SHOW_PERIOD = .25   # [s]
 SHOWN_BAR = 24      # [characters]
@@ -66,8 +73,7 @@ class CalibrateNode(Node):
         hand, layout = starting_hand(with_defaults(values))
         settings = live_settings(
             hand, {**{row.name: row.default for row in live_table(hand)}, **values})
-        self._limits = (WEARER_LIMITS if values['limits.preset'] == AUTO
-                        else values['limits.preset'])
+        self._limits = calibration_limits(values)
         self._output = Path(values['output']).expanduser().absolute()
         require_writable(self._output, YAML_SUFFIXES)
         self._side = hand.side
@@ -136,12 +142,8 @@ class CalibrateNode(Node):
 
     def _check_side(self, positions: np.ndarray, at: float | None) -> None:
         """Tell of a hand of the other side, until it is seen to be of this one."""
-        if self._side_check is None:
-            return
-        is_other_side = self._side_check.add_markers(positions, at)
-        if is_other_side is not None:
-            self._monitor.bends_away_from = self._side if is_other_side else None
-        if is_other_side is False:
+        if self._side_check is not None and self._monitor.note_side(
+                self._side, self._side_check.add_markers(positions, at)):
             self._side_check = None
 
     def _now(self) -> Any:

@@ -12,11 +12,15 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import WEARER_LIMITS
 from ..core.model.marker_layout import MarkerLayout
 from ..files.hand_file import file_notes
 from ..tracking.live_calibration import LiveCalibration
-from .tracker_parameters import AUTO, InvalidParameter, another_hand, require_no_size
+from .tracker_parameters import (
+    InvalidParameter,
+    another_hand,
+    calibration_limits,
+    require_no_size,
+)
 
 if TYPE_CHECKING:
     from .tracked_hand import TrackedHand
@@ -49,12 +53,10 @@ class HandServices:
         node.create_service(Trigger, f'~/{topics}reset', self._on_reset)
 
     def _on_calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        limits = self._start['limits.preset']
         try:
             require_no_size(self._start, str(self._output))
             self._calibration.start(
-                self._layout, self._side, WEARER_LIMITS if limits == AUTO else limits,
-                self._output)
+                self._layout, self._side, calibration_limits(self._start), self._output)
         except HandTrackerError as error:
             response.message = str(error)
             return response
@@ -119,7 +121,7 @@ class HandServices:
                    or self._node.get_parameter('hand_file').value)
 
     def update(self) -> bool:
-        """Go on with a calibration, a few times a second; return whether it has changed."""
+        """Go on with a calibration, a few times a second; return whether its progress changed."""
         is_collecting, before = self._calibration.take is not None, self.progress()
         written = self._calibration.update(time.monotonic())
         if is_collecting and self._calibration.take is None:

@@ -19,6 +19,7 @@ from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
 from ..messages.builders import Names
+from ..messages.joint_states import angles_of
 from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, states_of_colours
 
 KEPT = 100           # joint states that may wait for the markers of their stamp
@@ -75,13 +76,10 @@ class PublishedHand:
 
         None if they are not this tracker's.
         """
-        message, first = deserialize_message(joint_state, JointState), self._names.joints[0]
-        # Of both hands one follows the other.
-        at = message.name.index(first) if first in message.name else 0
-        angles = np.array(message.position[at:at + len(JOINTS)])
+        angles = angles_of(deserialize_message(joint_state, JointState), self._names.joints)
         shown = {marker.ns.removeprefix(self._names.prefix): marker for marker in
                  deserialize_message(hand_markers, MarkerArray).markers}
-        if not {'joints', 'markers'} <= shown.keys() or len(angles) != len(JOINTS):
+        if angles is None or not {'joints', 'markers'} <= shown.keys():
             return None
         joints, known = shown['joints'], shown['markers']
         if len(joints.points) != len(JOINTS_SHOWN) or len(known.points) > len(self._layout.names):

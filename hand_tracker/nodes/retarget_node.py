@@ -222,9 +222,9 @@ class RetargetNode(SubscriptionHidingNode):
         if self._fast_path is None:
             yield
             return
-        hand, *sides = self._joint_subscriptions
+        hand, *others = self._joint_subscriptions
         self._fast_path.start_all(
-            self, hand, sides, self._take_over, self._on_slow_message)
+            self, hand, others, self._take_over, self._on_slow_message)
         try:
             yield
         finally:
@@ -247,8 +247,8 @@ class RetargetNode(SubscriptionHidingNode):
             return
         path.disable()
         self._sent = max(self._sent, path.served_time)
-        for side, data in path.take_sides():
-            self._read_joints[1 + side](data)
+        for other, data in path.take_others():
+            self._read_joints[1 + other](data)
 
     def _on_slow_message(self, data: bytes) -> None:
         """Answer a message of the hand, and let the fast path answer those like it."""
@@ -259,8 +259,8 @@ class RetargetNode(SubscriptionHidingNode):
         # What is shown of a robot that is not engaged, the slow path publishes.
         is_served = self._shown is None or self._teleoperation.guard.is_engaged
         if is_served and self._teleoperation.is_regular and len(templates) == len(self._outputs):
-            hand, *sides = map(ListedJoints, self._joint_readers, self._teleoperation.rows)
-            self._fast_path.install(hand, sides, [
+            hand, *others = map(ListedJoints, self._joint_readers, self._teleoperation.rows)
+            self._fast_path.install(hand, others, [
                 (publisher, template)
                 for (_, publisher), template in zip(self._outputs, templates)])
 

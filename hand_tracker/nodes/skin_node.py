@@ -15,11 +15,12 @@ from visualization_msgs.msg import Marker
 
 from ..background import NewestCall
 from ..core.errors import HandTrackerError
-from ..core.model.hand import Hand, has_size_of
+from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout
 from ..messages.joint_states import angles_of
 from ..skin import deform, load_skin
+from ..skin.load import has_skin_of
 from ..skin.skinning import Skin
 from .executors import steady_clock
 from .hand_description import follow_hand
@@ -73,7 +74,7 @@ class SkinNode(Node):
 
     def _on_hand(self, hand: Hand, _: MarkerLayout) -> None:
         # A tracker of the other hand may publish on this topic too.
-        if hand.side == self._side and not has_size_of(hand, self._hand):
+        if hand.side == self._side and not has_skin_of(hand, self._hand):
             self._hand = hand
             self._loading.ask(hand)
 

@@ -31,6 +31,7 @@ from ..core.model.hand import (
     RESTING_JOINTS,
     SIDES,
     SLOPE_RANGE,
+    WEARER_LIMITS,
     Hand,
 )
 from ..core.model.marker_layout import MARKERS, MarkerLayout, require_solvable
@@ -263,6 +264,12 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     return hand, layout
 
 
+def calibration_limits(values: Mapping[str, Any]) -> str:
+    """Return the preset of the joint limits of a calibration; auto is the wearer's."""
+    preset = str(values['limits.preset'])
+    return WEARER_LIMITS if preset == AUTO else preset
+
+
 def require_no_size(values: Mapping[str, Any], path: str) -> None:
     """Refuse a hand file where the parameters of the start give the hand's size, too."""
     if not _has_mean_size(values):
@@ -373,21 +380,19 @@ def labels_table(names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
         any_type=True) for marker, label in zip(names, default_labels(names)))
 
 
-def live_table(hand: Hand, names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
+def live_table(hand: Hand) -> tuple[Parameter, ...]:
     """Return the parameters that act from the next frame on where one hand is tracked.
 
     Parameters
     ----------
     hand : Hand
         Of whom the limits and couplings are the defaults.
-    names : sequence of str, optional
-        Of the layout's markers.
 
     Returns
     -------
     tuple of Parameter
     """
-    return hand_table(hand) + common_table() + labels_table(names)
+    return hand_table(hand) + common_table() + labels_table(MARKERS)
 
 
 def markers_parameter(side: str, topics: str) -> Parameter:
@@ -459,7 +464,7 @@ def tracks_alike(former: Settings, settings: Settings) -> bool:
             and np.array_equal(settings.hand.coupling, former.hand.coupling))
 
 
-def _label_values(values: Mapping[str, Any], names: Sequence[str] = MARKERS) -> list[Any]:
+def _label_values(values: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
     """Return the value of each marker's label, in the order of the names."""
     return [values[f'labels.{marker}'] for marker in names]
 

@@ -26,13 +26,8 @@ from numpy.typing import ArrayLike
 from ..core.numerics.packs import Pack, packed
 from ..messages.stamps import UNSTAMPED
 from .guard_kernel import (
-    DISENGAGED,
-    EASING,
-    FOLLOWING,
-    HOLDING,
     LACKS_JOINT,
     NO_FAULT,
-    RELAXING,
     SAME_STAMP,
     GuardMemory,
     follow_wanted,
@@ -59,10 +54,7 @@ class GuardState(enum.Enum):
     RELAXING = 'relaxing'
 
 
-STATE_OF = {DISENGAGED: GuardState.DISENGAGED, EASING: GuardState.EASING,
-            FOLLOWING: GuardState.FOLLOWING, HOLDING: GuardState.HOLDING,
-            RELAXING: GuardState.RELAXING}
-NUMBER_OF = {state: number for number, state in STATE_OF.items()}
+STATES = tuple(GuardState)  # by their numbers in `guard_kernel`
 
 
 class CommandGuard:
@@ -121,7 +113,7 @@ class CommandGuard:
     @property
     def state(self) -> GuardState:
         """Whether the robot moves."""
-        return STATE_OF[int(self.memory.state[0])]
+        return STATES[int(self.memory.state[0])]
 
     @property
     def reason(self) -> str:
@@ -298,7 +290,7 @@ class CommandGuard:
         self._go(GuardState.DISENGAGED, reason)
 
     def _go(self, state: GuardState, reason: str) -> None:
-        self.memory.state[0], self._reason = NUMBER_OF[state], reason
+        self.memory.state[0], self._reason = STATES.index(state), reason
         self._must_release = state in (GuardState.DISENGAGED, GuardState.RELAXING)
         self.memory.reached[:], self.memory.return_time[0] = 0, -math.inf
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..calibration.landmarks import INDEX_MCP, LITTLE_MCP, MIDDLE_MCP, WRIST
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES
+from ..core.model.hand import OTHER_SIDE
 
 MOST_TURNED_DEG = 40.   # of a frame that is still taken as it is
 HAND_DIRECTIONS = ('distal', 'proximal'), ('radial', 'ulnar'), ('dorsal', 'palmar')
@@ -80,7 +80,7 @@ def require_wrist_frame(landmarks: np.ndarray, side: str) -> None:
         axes = palm_axes(landmarks, side)
     if not np.isfinite(axes).all() or turn_deg(axes) <= MOST_TURNED_DEG:
         return
-    hint, other = '', SIDES[1 - SIDES.index(side)]
+    hint, other = '', OTHER_SIDE[side]
     if turn_deg(axes @ DEX_AXES) < MOST_TURNED_DEG:
         hint = " (dex-retargeting's frame)"
     elif turn_deg(palm_axes(landmarks, other)) < MOST_TURNED_DEG:

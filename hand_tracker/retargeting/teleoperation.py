@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import JOINTS, SIDES, Hand
+from ..core.model.hand import JOINTS, OTHER_SIDE, Hand
 from ..core.numerics.packs import Pack, packed
 from ..messages.stamps import UNSTAMPED
 from .command_guard import CommandGuard
@@ -110,7 +110,7 @@ class Teleoperation:
         robot, model = loaded.hand, loaded.hand.model
         self._retargeter = Retargeter(robot, hand, loaded.options)
         self._hand_names = [prefix + joint for joint in JOINTS]
-        other = f'{SIDES[1 - SIDES.index(hand.side)]}_'
+        other = f'{OTHER_SIDE[hand.side]}_'
         self._other_names = [other + joint for joint in JOINTS] if other != prefix else []
         self._model = model
         used = robot.digit_variables

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import InvalidMesh
-from ..core.model.hand import JOINTS, SIDES, Hand
+from ..core.model.hand import JOINTS, OTHER_SIDE, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from ..output_files import OutputError, write_whole
@@ -116,7 +116,7 @@ def _registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays
             f'mean; expected is a hand with straight joints and without forearm, within '
             f'{1000. * MAX_REGISTRATION_ERROR:.0f} mm')
     if register(scanned, model * RIGHT_TO_LEFT)[1] < error:
-        other = SIDES[1 - SIDES.index(hand.side)]
+        other = OTHER_SIDE[hand.side]
         raise InvalidMesh(f'{mesh}: it fits a {other} hand, expected is a {hand.side} one')
     points = skeleton_points(tip_offsets(hand), _rest_pose(hand), np.zeros(3))
     return SkinArrays(vertices, faces, _weights(vertices, faces, points))
@@ -158,6 +158,12 @@ def _cache_key(hand: Hand, mesh: str | PathLike[str] | None) -> str:
         except OSError as error:
             raise InvalidMesh(f'{mesh}: {error.strerror}') from None
     return key.hexdigest()[:32]
+
+
+def has_skin_of(hand: Hand, other: Hand) -> bool:
+    """Return whether two hands of one side have the same skin, and the same table of joints."""
+    return all(np.array_equal(getattr(hand, field.name), getattr(other, field.name))
+               for field in fields(hand) if field.name not in FIELDS_WITHOUT_EFFECT)
 
 
 def _read_cache(path: Path) -> SkinArrays | None:

@@ -78,6 +78,7 @@ class Compilation:
                                           f'the compiling process ended with {child.returncode}')
                         return
                     self._load(kernel_set, load, folder)
+                child.wait()
         # Tracking goes on in plain Python, whatever the reason.
         except jit.KernelsUnavailable as error:
             self.error = str(error)

@@ -221,6 +221,20 @@ class InputMonitor:
             self.warn_once(('exchanged', places, self._doubts),
                            f'{self.label_doubt}; check {self.names.labels}')
 
+    def note_side(self, side: str, is_other_side: bool | None) -> bool:
+        """Note a verdict of a `SideCheck`; return whether the hand is known to be of this side.
+
+        Parameters
+        ----------
+        side : {'right', 'left'}
+            That is tracked.
+        is_other_side : bool or None
+            None as long as it is not known.
+        """
+        if is_other_side is not None:
+            self.bends_away_from = side if is_other_side else None
+        return is_other_side is False
+
     def ended(self) -> None:
         """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
@@ -230,11 +244,10 @@ class InputMonitor:
             miss = self.fit.mean
             self.warn_once(
                 'fit', f'in every tracked frame {self._off(miss)}: {self._why_off(miss)}?')
-        if miss is None:
-            return
-        self._warn_of_bad_fit(miss)
-        if miss > OFF_HAND_DISTANCE and not self.is_wrong:
-            self.warn_once('fit', f'{self._off(miss)}: {self._why_off(miss)}?')
+        elif miss is not None:
+            self._warn_of_bad_fit(miss)
+            if miss > OFF_HAND_DISTANCE and not self.is_wrong:
+                self.warn_once('fit', f'{self._off(miss)}: {self._why_off(miss)}?')
 
     def restarted(self) -> None:
         """Note that time jumped back."""

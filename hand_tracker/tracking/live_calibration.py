@@ -31,6 +31,7 @@ class LiveCalibration:
         self._values: dict[str, str] = {}
         self._fit: Fit | None = None
         self._log_lines: list[tuple[bool, str]] = []
+        self._limits, self._output = '', Path()
 
     def start(self, layout: MarkerLayout, side: str, limits: str, output: Path) -> None:
         """Begin to collect a take.
@@ -68,7 +69,7 @@ class LiveCalibration:
         return self.take is not None or self._fit is not None
 
     def update(self, now: float | None = None) -> Path | None:
-        """Go on, a few times a second.
+        """Update the progress, fit a take that is complete, report the fit; a few times a second.
 
         Parameters
         ----------
@@ -102,7 +103,11 @@ class LiveCalibration:
         *warnings, (_, self._text) = take.end_lines(coverage)
         self._log_lines += [(True, f'calibration: {line}') for _, line in warnings]
         self._log_lines.append((False, f'calibration: {self._text}; tracking goes on'))
-        self._fit = Fit(take, self._limits, self._output)
+        try:
+            self._fit = Fit(take, self._limits, self._output)
+        except OSError as error:
+            self._text = f'the fit could not be started: {error.strerror}'
+            self._log_lines.append((True, f'calibration: {self._text}'))
 
     def values(self) -> dict[str, str]:
         """Return the values for /diagnostics: next prompt, and share of each movement shown."""
@@ -135,18 +140,18 @@ class Fit:
         self._folder = TemporaryDirectory(prefix='hand_tracker-take-')
         folder = Path(self._folder.name)
         take.take().save(folder / 'live_take.npz')
-        self._said, self._complained = folder / 'said', folder / 'complained'
-        with open(self._said, 'wb') as said, open(self._complained, 'wb') as complained:
+        self._stdout, self._stderr = folder / 'stdout', folder / 'stderr'
+        with open(self._stdout, 'wb') as stdout, open(self._stderr, 'wb') as stderr:
             self._child = start_low_priority(
                 ['-m', 'hand_tracker', 'calibrate', folder / 'live_take.npz', '-o', output,
-                 '--limits', limits], {'OPENBLAS_NUM_THREADS': '1'}, said, complained)
+                 '--limits', limits], {'OPENBLAS_NUM_THREADS': '1'}, stdout, stderr)
 
     def ended(self) -> tuple[bool, str] | None:
         """Return whether it went well, and its last line, with the verdict; None while it works."""
         code = self._child.poll()
         if code is None:
             return None
-        text = (self._complained if code else self._said).read_text(
+        text = (self._stderr if code else self._stdout).read_text(
             encoding='utf-8', errors='replace')
         lines = [line for line in text.split('\n') if line.strip()] or [
             f'the fit ended with {code}']
@@ -155,7 +160,7 @@ class Fit:
         return code == 0, lines[-1] if code else '; '.join(dict.fromkeys((lines[-1], lines[0])))
 
     def stop(self) -> None:
-        """End it."""
+        """Kill the fit and delete its files."""
         self._child.kill()
         self._child.wait()
         self._folder.cleanup()

@@ -342,10 +342,7 @@ class Monitor:
         """Check the side by the last frame, until it is known."""
         if self._side_check is None or self._last is None:
             return
-        is_other_side = self._side_check.add(*self._last)
-        if is_other_side is not None:
-            self._input.bends_away_from = self._side_check.side if is_other_side else None
-        if is_other_side is False:
+        if self._input.note_side(self._side_check.side, self._side_check.add(*self._last)):
             self._side_check = None
 
     def _find_exchanged_labels(self) -> None:

@@ -469,7 +469,7 @@ class Hand:
 
     def mirrored(self) -> 'Hand':
         """Return this hand with the other side."""
-        return self.replace(side=SIDES[1 - SIDES.index(self.side)])
+        return self.replace(side=OTHER_SIDE[self.side])
 
     def as_right(self) -> 'Hand':
         """Return this hand as a right one, itself where it is one."""
@@ -503,7 +503,7 @@ def cmc_joints(mcp: np.ndarray, length: float) -> np.ndarray:
 
 
 def has_size_of(hand: Hand, other: Hand) -> bool:
-    """Return whether two hands have the same joints and bones."""
+    """Return whether two hands have the same knuckles, bones and thumb joint: the same size."""
     return all(np.array_equal(getattr(hand, name), getattr(other, name)) for name in (
         'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones', 'thumb_axis_distance',
         'thumb_roll'))

@@ -341,14 +341,6 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
 
 
 @jit
-def _recent_misfit(tracks: Tracks, row: int, residual: float) -> float:
-    """Note a marker's residual, NaN where it is not seen; return the largest of late [m]."""
-    if residual > tracks.misfit[row]:
-        tracks.misfit[row] = residual
-    return tracks.misfit[row]
-
-
-@jit
 def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tracks,
                     several: np.ndarray, offset: np.ndarray, placed: bool,
                     report: Report) -> None:
@@ -375,8 +367,10 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         found[joint] = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
     palm_spread = 0.
     for i in range(3):
-        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]),
-                          _recent_misfit(palm, i, report.residuals[i]))
+        # Of a marker that is not seen the residual is NaN, and what was of late stays.
+        if report.residuals[i] > palm.misfit[i]:
+            palm.misfit[i] = report.residuals[i]
+        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]), palm.misfit[i])
     hand_misfit = 0.
     for digit in range(5):
         if not placed or not digits.known[digit]:
@@ -395,7 +389,9 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
             # Of an angle that still goes back to its marker it is known how far.
             if offset[joint] != 0.:
                 misfit = 0.
-        misfit = _recent_misfit(digits, digit, misfit)
+        if misfit > digits.misfit[digit]:
+            digits.misfit[digit] = misfit
+        misfit = digits.misfit[digit]
         # One marker alone, however far off, does not refute the others.
         hand_misfit += .2 * min(misfit, MOST_MISFIT)
         model = max(usual, misfit)

@@ -40,8 +40,8 @@ if COMPILED:
 
 # Messages that are taken beside those of the hand, by number
 HAND_DEVIATIONS, ROBOT = range(2)
-SIDES_TAKEN = 2
-MOST_WAITING = 16  # messages of a side that are taken at once; more than its queue has
+OTHERS_TAKEN = 2
+MOST_WAITING = 16  # messages of one of them that are taken at once; more than its queue has
 
 
 class CommandContext(NamedTuple):
@@ -52,7 +52,7 @@ class CommandContext(NamedTuple):
     is_enabled : ndarray of int, shape (1,)
     has_missed_message : ndarray of int, shape (1,)
         Whether the hand's message was taken, but not processed.
-    has_missed_side : ndarray of int, shape (SIDES_TAKEN,)
+    has_missed_other : ndarray of int, shape (OTHERS_TAKEN,)
         The same of `HAND_DEVIATIONS` and `ROBOT`.
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
@@ -62,7 +62,7 @@ class CommandContext(NamedTuple):
     publishers, outgoing : ndarray of int, shape (MOST_COMMANDS,)
         0 where a message is not sent.
     incoming, mutex : int
-    side_incoming, side_subscriptions : ndarray of int, shape (SIDES_TAKEN,)
+    other_incoming, other_subscriptions : ndarray of int, shape (OTHERS_TAKEN,)
     subscription, timer : ndarray of int, shape (1,)
     take, publish, reset_error, reset_timer, lock, unlock, get_time : int
         C functions.
@@ -70,7 +70,7 @@ class CommandContext(NamedTuple):
 
     is_enabled: np.ndarray
     has_missed_message: np.ndarray
-    has_missed_side: np.ndarray
+    has_missed_other: np.ndarray
     now: np.ndarray
     memory: int
     packs: np.ndarray
@@ -78,8 +78,8 @@ class CommandContext(NamedTuple):
     outgoing: np.ndarray
     incoming: int
     mutex: int
-    side_incoming: np.ndarray
-    side_subscriptions: np.ndarray
+    other_incoming: np.ndarray
+    other_subscriptions: np.ndarray
     subscription: np.ndarray
     timer: np.ndarray
     take: int
@@ -127,21 +127,21 @@ class CommandPath(CallbackPath):
         self._packs = packs
         self._commands, self._memory = packed(new_command_memory(), as_record=True)
         self._outgoing = [self._rcl.octets() for _ in range(MOST_COMMANDS)]
-        self._side_incoming = [self._rcl.octets(TAKE_CAPACITY) for _ in range(SIDES_TAKEN)]
-        self._side_subscriptions: Sequence[Subscription] = ()
+        self._other_incoming = [self._rcl.octets(TAKE_CAPACITY) for _ in range(OTHERS_TAKEN)]
+        self._other_subscriptions: Sequence[Subscription] = ()
 
         def zeros(size: int) -> np.ndarray:
             return np.zeros(size, np.int64)
 
         self._contexts, self._context = packed(CommandContext(
-            is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_side=zeros(SIDES_TAKEN),
+            is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_other=zeros(OTHERS_TAKEN),
             now=zeros(2), memory=self._commands.ctypes.data,
             packs=np.array([pack.ctypes.data for pack in packs]),
             publishers=zeros(MOST_COMMANDS),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
             incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
-            side_incoming=np.array([ctypes.addressof(one) for one in self._side_incoming]),
-            side_subscriptions=zeros(SIDES_TAKEN), subscription=zeros(1), timer=zeros(1),
+            other_incoming=np.array([ctypes.addressof(one) for one in self._other_incoming]),
+            other_subscriptions=zeros(OTHERS_TAKEN), subscription=zeros(1), timer=zeros(1),
             **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
         self._set_enabled = set_enabled
@@ -150,7 +150,7 @@ class CommandPath(CallbackPath):
         # Compiled before the first frame waits for it.
         self._set_enabled(self._contexts, False)
 
-    def start_all(self, node: Node, hand: Subscription, sides: Sequence[Subscription],
+    def start_all(self, node: Node, hand: Subscription, others: Sequence[Subscription],
                   on_disabled: Callable[[], None], on_message: Callable[[bytes], None]) -> None:
         """Take the messages of all subscriptions, which go to the slow path at first.
 
@@ -158,31 +158,31 @@ class CommandPath(CallbackPath):
         ----------
         node, hand, on_disabled, on_message
             See `start`.
-        sides : sequence of Subscription
-            Of `HAND_DEVIATIONS` and `ROBOT`: the slow path has what came of them by `take_sides`.
+        others : sequence of Subscription
+            Of `HAND_DEVIATIONS` and `ROBOT`: the slow path has what came of them by `take_others`.
         """
-        self._side_subscriptions = sides
-        self._context.side_subscriptions[:] = [one.handle.pointer for one in sides]
+        self._other_subscriptions = others
+        self._context.other_subscriptions[:] = [one.handle.pointer for one in others]
         self.start(node, hand, on_disabled, on_message)
 
-    def take_sides(self) -> Iterator[tuple[int, bytes]]:
+    def take_others(self) -> Iterator[tuple[int, bytes]]:
         """Yield the messages that wait of `HAND_DEVIATIONS` and `ROBOT`; only while disabled."""
-        for side, subscription in enumerate(self._side_subscriptions):
-            incoming = self._side_incoming[side]
-            if self._context.has_missed_side[side]:
-                self._context.has_missed_side[side] = 0
-                yield side, incoming.content()
+        for other, subscription in enumerate(self._other_subscriptions):
+            incoming = self._other_incoming[other]
+            if self._context.has_missed_other[other]:
+                self._context.has_missed_other[other] = 0
+                yield other, incoming.content()
             while (data := self._take_from(subscription, incoming)) is not None:
-                yield side, data
+                yield other, data
 
-    def install(self, hand: ListedJoints, sides: Sequence[ListedJoints],
+    def install(self, hand: ListedJoints, others: Sequence[ListedJoints],
                 replies: Sequence[tuple[Publisher, Template]]) -> None:
         """Process messages like the last ones, which the slow path has handled, from now on.
 
         Parameters
         ----------
         hand : ListedJoints
-        sides : sequence of ListedJoints
+        others : sequence of ListedJoints
             Of `HAND_DEVIATIONS` and `ROBOT`; messages of a layout that is not installed go to the
             slow path.
         replies : sequence of (Publisher, Template)
@@ -190,8 +190,8 @@ class CommandPath(CallbackPath):
         """
         memory, context = self._memory, self._context
         is_hand = install_numbers(memory.hand, hand.reader, hand.rows)
-        for listed, side in zip((memory.deviations, memory.robot), sides):
-            install_numbers(listed, side.reader, side.rows)
+        for listed, other in zip((memory.deviations, memory.robot), others):
+            install_numbers(listed, other.reader, other.rows)
         if is_hand:
             memory.wanted[:] = context.publishers[:] = 0
             for number, (publisher, template) in enumerate(replies):
@@ -238,21 +238,21 @@ def _command_callback(*layouts: np.dtype) -> Any:
             if taken:
                 now = monotonic_time(context)
                 is_known = True
-                for side in range(SIDES_TAKEN):
+                for other in range(OTHERS_TAKEN):
                     # All that wait, as what is taken later would seem to be new then.
                     left = MOST_WAITING
-                    while left > 0 and call(context.take, context.side_subscriptions[side],
-                                            context.side_incoming[side], 0, 0) == 0:
+                    while left > 0 and call(context.take, context.other_subscriptions[other],
+                                            context.other_incoming[other], 0, 0) == 0:
                         left -= 1
-                        buffer = numba.carray(at(context.side_incoming[side]), (2,), np.int64)
+                        buffer = numba.carray(at(context.other_incoming[other]), (2,), np.int64)
                         octets = numba.carray(at(buffer[0]), (buffer[1],), np.uint8)
-                        if side == HAND_DEVIATIONS:
+                        if other == HAND_DEVIATIONS:
                             known = process_deviations(commands, packs[0], packs[4], octets)
                         else:
                             known = process_position(
                                 commands, packs[0], packs[4], octets, now)
                         if not known:
-                            context.has_missed_side[side] = 1
+                            context.has_missed_other[other] = 1
                             is_known = False
                             left = 0
                 done = NOT_FOLLOWED
