@@ -148,7 +148,7 @@ def palm(shape: HandShape, points: np.ndarray) -> np.ndarray:
     distance = _smooth_union(distance, hypothenar, 9. * mm)
     down = np.array((0., 0., -2. * mm))
     for a, b in zip(DIGIT_CHAINS[:3], DIGIT_CHAINS[1:4]):
-        (near, first), (far, second) = shape.points[[[a[0], a[1]], [b[0], b[1]]]]
+        (near, first), (far, second) = shape.points[np.array((a[:2], b[:2]))]
         between = _rounded_quadrilateral(points - 1.5 * down, near, far, first, second, .7 * radius)
         distance = _smooth_union(distance, between, 4. * mm)
         ahead = first + .3 * (shape.points[a[2]] - first), second + .3 * (

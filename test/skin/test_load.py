@@ -1,6 +1,7 @@
 """The skin: a closed mesh that follows the bones as flesh does."""
 
 import resource
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -196,6 +197,17 @@ def test_a_skin_that_cannot_be_kept_leaves_nothing_on_the_disk(tmp_path):
 def test_other_hands_have_other_skins(skin, cache):
     assert load._cache_key(HAND, None) == load._cache_key(Hand.scaled(side='left'), None)
     assert load._cache_key(HAND, None) != load._cache_key(Hand.scaled(length=.19), None)
+
+
+@pytest.mark.parametrize('field', [field.name for field in fields(Hand) if field.name != 'side'])
+def test_a_skin_is_that_of_hands_with_the_same_places_of_joints(field):
+    value = getattr(HAND, field)
+    other = HAND.replace(**{field: value + 1e-3 * np.ones(np.shape(value))})
+    is_same = field in load.FIELDS_WITHOUT_EFFECT
+    assert load.has_skin_of(HAND, other) == is_same
+    if is_same:
+        for one, another in zip(joint_table(HAND), joint_table(other)):
+            np.testing.assert_array_equal(one, another)
 
 
 @pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply'])

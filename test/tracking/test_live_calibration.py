@@ -1,5 +1,8 @@
 """Calibration in a running tracker: what its child process has said is told at its end."""
 
+import errno
+import os
+
 import numpy as np
 import pytest
 from helpers.hands import hand_at
@@ -27,3 +30,17 @@ def test_a_fit_ends_with_its_file_and_its_verdict(said, told, tmp_path, monkeypa
     fit = live_calibration.Fit(take, 'wearer', tmp_path / 'my.yaml')
     fit._child.wait()
     assert fit.ended() == told
+
+
+def test_a_fit_that_cannot_begin_is_told(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(live_calibration, 'Fit', full)
+    one = live_calibration.LiveCalibration()
+    one.start(MarkerLayout(), 'right', 'wearer', tmp_path / 'my.yaml')
+    one.take.add(hand_at(), 0., 0.)
+    assert one.update(1e6) is None and not one.is_running
+    text = f'the fit could not be started: {os.strerror(errno.ENOSPC)}'
+    assert text in one.values().values()
+    assert one.pop_log_lines()[-1] == (True, f'calibration: {text}')
