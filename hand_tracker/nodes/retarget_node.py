@@ -205,6 +205,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._pace, self._wrist_pace = (CommandPace(self._period, tick) for _ in range(2))
         self.create_timer(tick, self._on_timer, clock=steady_clock())
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
+        if self._shown is not None:
+            self.create_timer(RETARGET_STATUS_PERIOD, self._show_without_hand,
+                              clock=steady_clock())
 
     # The fast path
 
@@ -397,6 +400,11 @@ class RetargetNode(SubscriptionHidingNode):
         """Publish where the robot is while it is not engaged, for those who show it."""
         if self._shown is not None and not self._teleoperation.guard.is_engaged:
             self._shown.publish(self._templates[-1].fill(stamp, self._teleoperation.present))
+
+    def _show_without_hand(self) -> None:
+        """Publish where the robot is while no hand comes, with whose frames it is shown else."""
+        if not self._teleoperation.guard.has_hand(time.monotonic()):
+            self._show_present(stamp_of(self.get_clock().now().nanoseconds))
 
     def _send_wrist(self, now: float) -> None:
         """Send the wrist's command; it moves only while the fingers follow."""

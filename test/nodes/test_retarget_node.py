@@ -407,6 +407,15 @@ def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
     assert 'Traceback' not in process.output
 
 
+def test_the_robot_is_shown_while_no_hand_comes(robot):
+    parameters = {'robot': robot, 'show_robot': True}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        shown = node.collect(JointState, 'robot/shown')
+        node.spin_until(lambda: len(shown) > 1)
+        assert set(shown[0].name) == set(joints())
+        assert process.interrupt() == 0, process.output
+
+
 def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
     tf2_msgs = pytest.importorskip('tf2_msgs.msg')
     parameters = {'robot': robot, 'safety.hold_to_engage': True, 'wrist.outputs': 'pose twist',
