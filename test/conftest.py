@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+# Humble's pytest, 6.2, has paths of another kind.
+HAS_PATHS = int(pytest.__version__.split('.')[0]) >= 7
 # Compiles what the tests of tracking and of the fast path need.
 COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
 COMPILE = 'hand_tracker.tracking.compile_kernels'
@@ -69,7 +71,7 @@ def pytest_collection_finish(session):
     options = session.config.option
     if (options.collectonly or getattr(options, 'numprocesses', None)
             or hasattr(session.config, 'workerinput')
-            or not any('nodes' in item.path.parts for item in session.items)
+            or not any('nodes' in path_of(item).parts for item in session.items)
             or not importlib.util.find_spec('rclpy')):
         return
     from hand_tracker.core.numerics import jit
@@ -85,7 +87,8 @@ def pytest_collection_modifyitems(items):
     folder = Path(__file__).parent
 
     def place(item):
-        name = item.path.relative_to(folder).as_posix() if folder in item.path.parents else ''
+        path = path_of(item)
+        name = path.relative_to(folder).as_posix() if folder in path.parents else ''
         return LONGEST.index(name) if name in LONGEST else len(LONGEST)
 
     items.sort(key=place)
@@ -96,17 +99,34 @@ class LackingFile(pytest.File):
 
     def collect(self):
         """Skip all of it."""
-        pytest.skip(f"not installed: {', '.join(missing(self.path))}")
+        pytest.skip(f"not installed: {', '.join(missing(path_of(self)))}")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_pycollect_makemodule(module_path, parent):
+def lacking_file(path, parent):
     """Skip a file whose `NEEDS` are not all installed.
 
     It is not imported, as a skip while a file is imported ends the collection of launch_testing.
     """
-    if missing(module_path):
-        return LackingFile.from_parent(parent, path=module_path)
+    if missing(Path(path)):
+        return LackingFile.from_parent(parent, **{'path' if HAS_PATHS else 'fspath': path})
+
+
+# By the names of its arguments pytest gives a hook what it asks for.
+if HAS_PATHS:
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pycollect_makemodule(module_path, parent):
+        """Skip what lacks something."""
+        return lacking_file(module_path, parent)
+else:
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pycollect_makemodule(path, parent):
+        """Skip what lacks something."""
+        return lacking_file(path, parent)
+
+
+def path_of(node):
+    """Return the path of a file or of a test."""
+    return node.path if HAS_PATHS else Path(node.fspath)
 
 
 def missing(path):
