@@ -115,12 +115,12 @@ def lacking_file(path, parent):
 if HAS_PATHS:
     @pytest.hookimpl(tryfirst=True)
     def pytest_pycollect_makemodule(module_path, parent):
-        """Skip what lacks something."""
+        """Hook of pytest from 7 on."""
         return lacking_file(module_path, parent)
 else:
     @pytest.hookimpl(tryfirst=True)
     def pytest_pycollect_makemodule(path, parent):
-        """Skip what lacks something."""
+        """Hook of pytest 6."""
         return lacking_file(path, parent)
 
 

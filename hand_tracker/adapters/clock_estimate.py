@@ -23,8 +23,8 @@ MAX_DRIFT = 3e-4       # of a clock of quartz [s/s]
 COARSE_DRIFTS = np.array(sorted(np.linspace(-MAX_DRIFT, MAX_DRIFT, 81), key=abs))
 FINE_DRIFTS = np.array(sorted(
     np.linspace(-1., 1., 41) * 2. * MAX_DRIFT / (len(COARSE_DRIFTS) - 1), key=abs))
-# [ns] Two readings of one clock, and one of another between them, that take longer were
-# interrupted; so many are tried, and the shortest counts.
+# [ns] Readings of both clocks that take longer were interrupted: they are repeated, so many times
+# at most, and the quickest counts.
 LONGEST_LOOK, MOST_LOOKS = 50_000, 10
 TOLERANCE = .001       # [s] by which bounds may contradict each other before all begins anew
 CATCH_UP = .1          # [1] by which times go on more slowly while they are ahead of the line

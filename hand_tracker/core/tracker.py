@@ -157,8 +157,9 @@ class HandTracker:
         self._set_hand(self.hand if hand is None else hand,
                        self.layout if layout is None else layout,
                        self.options if options is None else options)
-        # Those of the former hand's capsules.
+        # Of the former hand's capsules, and of markers from its places.
         self._state.are_placed[:] = False
+        self._state.palm.misfit[:] = self._state.digits.misfit[:] = 0.
         if not np.array_equal(self._marker_places, worn):
             # What was seen of the skin was seen from other places.
             self._state.palm_shape[:] = self._template

@@ -23,6 +23,6 @@ def add_legend_below(figure: Figure, handles: list[Any], **style: Any) -> None:
     if matplotlib.__version_info__[:2] >= KEEPS_ROOM_FOR_LEGENDS:
         place = f'outside {place}'
     else:
-        # The room of a label of all axes, under which there is nothing.
+        # An empty label below all axes reserves the room.
         figure.supxlabel(' ')
     figure.legend(handles=handles, loc=place, ncol=len(handles), frameon=False, fontsize=8, **style)

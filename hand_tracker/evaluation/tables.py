@@ -125,7 +125,7 @@ def figure_with(count: int, width: float = 4., height: float = 3.2,
     figure : matplotlib.figure.Figure
     axes : list of matplotlib.axes.Axes
     """
-    # Of matplotlib 3.6, which only pictures need.
+    # Imported here: matplotlib 3.5 lacks it, and the tables do without.
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     columns = columns or count

@@ -123,7 +123,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._known_jumps = 0   # of the last status
         self._judges_hand = values['min_confidence'] > 0.
         self._judged_time = time.monotonic()  # when deviations last said how much is known of it
-        self._known_judged = 0
+        self._known_judged_count, self._unjudged = 0, ''   # the last text of it
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
@@ -205,9 +205,6 @@ class RetargetNode(SubscriptionHidingNode):
         self._pace, self._wrist_pace = (CommandPace(self._period, tick) for _ in range(2))
         self.create_timer(tick, self._on_timer, clock=steady_clock())
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
-        if self._shown is not None:
-            self.create_timer(RETARGET_STATUS_PERIOD, self._show_without_hand,
-                              clock=steady_clock())
 
     # The fast path
 
@@ -250,8 +247,8 @@ class RetargetNode(SubscriptionHidingNode):
             return
         path.disable()
         self._sent = max(self._sent, path.served_time)
-        for other, data in path.take_others():
-            self._read_joints[1 + other](data)
+        for topic, data in path.take_others():
+            self._read_joints[1 + topic](data)
 
     def _on_slow_message(self, data: bytes) -> None:
         """Answer a message of the hand, and let the fast path answer those like it."""
@@ -401,11 +398,6 @@ class RetargetNode(SubscriptionHidingNode):
         if self._shown is not None and not self._teleoperation.guard.is_engaged:
             self._shown.publish(self._templates[-1].fill(stamp, self._teleoperation.present))
 
-    def _show_without_hand(self) -> None:
-        """Publish where the robot is while no hand comes, with whose frames it is shown else."""
-        if not self._teleoperation.guard.has_hand(time.monotonic()):
-            self._show_present(stamp_of(self.get_clock().now().nanoseconds))
-
     def _send_wrist(self, now: float) -> None:
         """Send the wrist's command; it moves only while the fingers follow."""
         self._wrist_sent = now
@@ -480,10 +472,10 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _find_unjudged(self) -> str:
         """Return why nobody judges how much is known of the hand, or nothing."""
-        now, judged = time.monotonic(), self._teleoperation.judged
-        if judged != self._known_judged or not self._judges_hand or (
+        now, judged = time.monotonic(), self._teleoperation.judged_count
+        if judged != self._known_judged_count or not self._judges_hand or (
                 not self._teleoperation.guard.has_hand(now)):
-            self._judged_time, self._known_judged = now, judged
+            self._judged_time, self._known_judged_count = now, judged
         # Of a tracker that starts, discovery may have found one of its topics alone.
         if now - self._judged_time < DISCOVERED_AFTER:
             return ''
@@ -507,8 +499,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._warn_of_shared_topic()
         self._namesake_fault = namesake_fault(self)
         unjudged = self._find_unjudged()
-        if unjudged:
-            self.get_logger().warning(unjudged, once=True)
+        if unjudged and unjudged != self._unjudged:
+            self.get_logger().warning(unjudged)
+        self._unjudged = unjudged or self._unjudged
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         if guard.is_engaged:
             self._warn_of_shared_commands()

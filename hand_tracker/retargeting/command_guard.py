@@ -45,7 +45,7 @@ AT_REST = 1e-3         # [rad] from the rest position
 
 
 class GuardState(enum.Enum):
-    """Whether the robot moves."""
+    """Whether the robot moves; in the order of their numbers in `guard_kernel`."""
 
     DISENGAGED = 'disengaged'
     EASING = 'easing'
@@ -54,7 +54,7 @@ class GuardState(enum.Enum):
     RELAXING = 'relaxing'
 
 
-STATES = tuple(GuardState)  # by their numbers in `guard_kernel`
+STATES = tuple(GuardState)
 
 
 class CommandGuard:

@@ -51,8 +51,8 @@ class FollowMemory(NamedTuple):
     repeat_time : ndarray, shape (1,)
         When the last of these came [s].
     is_confident : ndarray of int, shape (1,)
-    judged : ndarray of int, shape (1,)
-        How often deviations said whether it is.
+    judged_count : ndarray of int, shape (1,)
+        Number of messages of deviations by which it was judged.
     min_confidence : float
         `mean_confidence` of the hand below which it counts as lost.
     used : ndarray of int, shape (GUARD_CAPACITY,)
@@ -74,7 +74,7 @@ class FollowMemory(NamedTuple):
     repeated: np.ndarray
     repeat_time: np.ndarray
     is_confident: np.ndarray
-    judged: np.ndarray
+    judged_count: np.ndarray
     min_confidence: float
     used: np.ndarray
     held: np.ndarray
@@ -137,7 +137,7 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
     memory = memories[0]
     memory.is_confident[0] = (
         mean_confidence(numbers, rows, unknown) >= memory.min_confidence)
-    memory.judged[0] += 1
+    memory.judged_count[0] += 1
     if not memory.is_confident[0]:
         lose_hand(guards)
 

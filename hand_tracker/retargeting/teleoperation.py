@@ -171,9 +171,9 @@ class Teleoperation:
         return int(self._memory.repeated[0])
 
     @property
-    def judged(self) -> int:
-        """How often deviations of the hand's angles said whether enough is known of it."""
-        return int(self._memory.judged[0])
+    def judged_count(self) -> int:
+        """Number of messages of deviations by which it was judged whether enough is known."""
+        return int(self._memory.judged_count[0])
 
     @property
     def packs(self) -> tuple[Pack[Any], ...]:

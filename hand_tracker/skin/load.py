@@ -29,8 +29,8 @@ BONE_LINKS = tuple(
 SKIN_LINKS = tuple(sorted(set(BONE_LINKS)))
 RIGHT_TO_LEFT = (1., -1., 1.)
 # On the skin of a right hand.
-FIELDS_WITHOUT_EFFECT = ('limits', 'range_of_motion', 'coupling', 'natural_flexion',
-                         'palm_synergy', 'thumb_mcp_abduction', 'side')
+FIELDS_WITHOUT_EFFECT = ('limits', 'range_of_motion', 'coupling', 'coupling_spread',
+                         'natural_flexion', 'palm_synergy', 'thumb_mcp_abduction', 'side')
 
 
 class SkinArrays(NamedTuple):
@@ -148,9 +148,8 @@ def _cache_key(hand: Hand, mesh: str | PathLike[str] | None) -> str:
     key = hashlib.sha256()
     for code in sorted(Path(__file__).parent.glob('*.py')):
         key.update(code.read_bytes())
-    for field in fields(hand):
-        if field.name not in FIELDS_WITHOUT_EFFECT:
-            key.update(np.ascontiguousarray(getattr(hand, field.name)).tobytes())
+    for values in _shape_of(hand):
+        key.update(np.ascontiguousarray(values).tobytes())
     if mesh:
         key.update(hand.side.encode())
         try:
@@ -162,8 +161,13 @@ def _cache_key(hand: Hand, mesh: str | PathLike[str] | None) -> str:
 
 def has_skin_of(hand: Hand, other: Hand) -> bool:
     """Return whether two hands of one side have the same skin, and the same table of joints."""
-    return all(np.array_equal(getattr(hand, field.name), getattr(other, field.name))
-               for field in fields(hand) if field.name not in FIELDS_WITHOUT_EFFECT)
+    return all(map(np.array_equal, _shape_of(hand), _shape_of(other)))
+
+
+def _shape_of(hand: Hand) -> list[np.ndarray | float]:
+    """Return what a hand's skin depends on."""
+    return [getattr(hand, field.name) for field in fields(hand)
+            if field.name not in FIELDS_WITHOUT_EFFECT]
 
 
 def _read_cache(path: Path) -> SkinArrays | None:

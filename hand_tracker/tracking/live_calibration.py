@@ -106,7 +106,7 @@ class LiveCalibration:
         try:
             self._fit = Fit(take, self._limits, self._output)
         except OSError as error:
-            self._text = f'the fit could not be started: {error.strerror}'
+            self._text = f'the fit could not be started: {error.strerror or error}'
             self._log_lines.append((True, f'calibration: {self._text}'))
 
     def values(self) -> dict[str, str]:

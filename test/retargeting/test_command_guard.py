@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from helpers.command_rules import CommandRules, use_deadman
 
-from hand_tracker.retargeting.command_guard import CommandGuard, GuardState
+from hand_tracker.retargeting import guard_kernel
+from hand_tracker.retargeting.command_guard import STATES, CommandGuard, GuardState
 from hand_tracker.retargeting.guard_kernel import lose_hand, observe_wanted
 from hand_tracker.retargeting.guard_options import GuardOptions, InvalidGuardOption
 
@@ -49,6 +50,10 @@ class Rig:
         self.engaged().run(4.)
         assert self.guard.state is GuardState.FOLLOWING
         return self
+
+
+def test_states_have_the_numbers_of_the_kernels():
+    assert [getattr(guard_kernel, one.name) for one in STATES] == list(range(len(STATES)))
 
 
 def test_nothing_moves_before_it_is_engaged():

@@ -36,7 +36,7 @@ def test_a_fit_that_cannot_begin_is_told(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(live_calibration, 'Fit', full)
+    monkeypatch.setattr(live_calibration, 'start_low_priority', full)
     one = live_calibration.LiveCalibration()
     one.start(MarkerLayout(), 'right', 'wearer', tmp_path / 'my.yaml')
     one.take.add(hand_at(), 0., 0.)

@@ -34,7 +34,7 @@ ONSET_TIMES = (.015, .08)          # [s] ago that a motion detected by each of t
 INNOVATION_GATES = (22., 20.)      # of χ² (3 degrees of freedom): a false alarm in minutes
 
 PACE_TIME = .02           # [s] time constant of the mean velocity; from captures
-MISFIT_TIME = .1          # [s] in which a seen marker's last misfit falls to 1/e
+MISFIT_TIME = .1          # [s] time constant of the decay of a seen marker's misfit
 RESTART_HIDDEN_TIME = .1  # [s] hidden for longer, a marker seen again starts a new filter
 
 
@@ -62,7 +62,8 @@ class Tracks(NamedTuple):
         Of a digit's marker measured while the palm is lost: its own motion since, by which it is
         off `mean` [m].
     misfit : ndarray, shape (n,)
-        Distance from the reported hand: the largest of late, as it decays while seen [m].
+        Recent peak of the distance from the reported hand: decays while seen, kept while hidden
+        [m].
     """
 
     mean: np.ndarray

@@ -367,10 +367,11 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         found[joint] = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
     palm_spread = 0.
     for i in range(3):
-        # Of a marker that is not seen the residual is NaN, and what was of late stays.
-        if report.residuals[i] > palm.misfit[i]:
+        # A hidden marker's residual is NaN: its last misfit counts, for a while.
+        if placed and report.residuals[i] > palm.misfit[i]:
             palm.misfit[i] = report.residuals[i]
-        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]), palm.misfit[i])
+        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]),
+                          palm.misfit[i] * math.exp(-palm.hidden_for[i] / HIDDEN_TIME))
     hand_misfit = 0.
     for digit in range(5):
         if not placed or not digits.known[digit]:
@@ -391,7 +392,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
                 misfit = 0.
         if misfit > digits.misfit[digit]:
             digits.misfit[digit] = misfit
-        misfit = digits.misfit[digit]
+        misfit = digits.misfit[digit] * math.exp(-hidden_for / HIDDEN_TIME)
         # One marker alone, however far off, does not refute the others.
         hand_misfit += .2 * min(misfit, MOST_MISFIT)
         model = max(usual, misfit)

@@ -38,10 +38,10 @@ from .track_kernel import install_reply
 if COMPILED:
     from .rcl import at, call
 
-# Messages that are taken beside those of the hand, by number
+# Topics whose messages are taken beside those of the hand, by number
 HAND_DEVIATIONS, ROBOT = range(2)
-OTHERS_TAKEN = 2
-MOST_WAITING = 16  # messages of one of them that are taken at once; more than its queue has
+OTHER_TOPICS = 2
+MOST_WAITING = 16  # messages of a topic that are taken at once; more than its queue has
 
 
 class CommandContext(NamedTuple):
@@ -52,7 +52,7 @@ class CommandContext(NamedTuple):
     is_enabled : ndarray of int, shape (1,)
     has_missed_message : ndarray of int, shape (1,)
         Whether the hand's message was taken, but not processed.
-    has_missed_other : ndarray of int, shape (OTHERS_TAKEN,)
+    has_missed_other : ndarray of int, shape (OTHER_TOPICS,)
         The same of `HAND_DEVIATIONS` and `ROBOT`.
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
@@ -62,7 +62,7 @@ class CommandContext(NamedTuple):
     publishers, outgoing : ndarray of int, shape (MOST_COMMANDS,)
         0 where a message is not sent.
     incoming, mutex : int
-    other_incoming, other_subscriptions : ndarray of int, shape (OTHERS_TAKEN,)
+    other_incoming, other_subscriptions : ndarray of int, shape (OTHER_TOPICS,)
     subscription, timer : ndarray of int, shape (1,)
     take, publish, reset_error, reset_timer, lock, unlock, get_time : int
         C functions.
@@ -127,21 +127,21 @@ class CommandPath(CallbackPath):
         self._packs = packs
         self._commands, self._memory = packed(new_command_memory(), as_record=True)
         self._outgoing = [self._rcl.octets() for _ in range(MOST_COMMANDS)]
-        self._other_incoming = [self._rcl.octets(TAKE_CAPACITY) for _ in range(OTHERS_TAKEN)]
+        self._other_incoming = [self._rcl.octets(TAKE_CAPACITY) for _ in range(OTHER_TOPICS)]
         self._other_subscriptions: Sequence[Subscription] = ()
 
         def zeros(size: int) -> np.ndarray:
             return np.zeros(size, np.int64)
 
         self._contexts, self._context = packed(CommandContext(
-            is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_other=zeros(OTHERS_TAKEN),
+            is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_other=zeros(OTHER_TOPICS),
             now=zeros(2), memory=self._commands.ctypes.data,
             packs=np.array([pack.ctypes.data for pack in packs]),
             publishers=zeros(MOST_COMMANDS),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
             incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
             other_incoming=np.array([ctypes.addressof(one) for one in self._other_incoming]),
-            other_subscriptions=zeros(OTHERS_TAKEN), subscription=zeros(1), timer=zeros(1),
+            other_subscriptions=zeros(OTHER_TOPICS), subscription=zeros(1), timer=zeros(1),
             **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
         self._set_enabled = set_enabled
@@ -167,13 +167,13 @@ class CommandPath(CallbackPath):
 
     def take_others(self) -> Iterator[tuple[int, bytes]]:
         """Yield the messages that wait of `HAND_DEVIATIONS` and `ROBOT`; only while disabled."""
-        for other, subscription in enumerate(self._other_subscriptions):
-            incoming = self._other_incoming[other]
-            if self._context.has_missed_other[other]:
-                self._context.has_missed_other[other] = 0
-                yield other, incoming.content()
+        for topic, subscription in enumerate(self._other_subscriptions):
+            incoming = self._other_incoming[topic]
+            if self._context.has_missed_other[topic]:
+                self._context.has_missed_other[topic] = 0
+                yield topic, incoming.content()
             while (data := self._take_from(subscription, incoming)) is not None:
-                yield other, data
+                yield topic, data
 
     def install(self, hand: ListedJoints, others: Sequence[ListedJoints],
                 replies: Sequence[tuple[Publisher, Template]]) -> None:
@@ -190,8 +190,8 @@ class CommandPath(CallbackPath):
         """
         memory, context = self._memory, self._context
         is_hand = install_numbers(memory.hand, hand.reader, hand.rows)
-        for listed, other in zip((memory.deviations, memory.robot), others):
-            install_numbers(listed, other.reader, other.rows)
+        for listed, topic in zip((memory.deviations, memory.robot), others):
+            install_numbers(listed, topic.reader, topic.rows)
         if is_hand:
             memory.wanted[:] = context.publishers[:] = 0
             for number, (publisher, template) in enumerate(replies):
@@ -238,21 +238,21 @@ def _command_callback(*layouts: np.dtype) -> Any:
             if taken:
                 now = monotonic_time(context)
                 is_known = True
-                for other in range(OTHERS_TAKEN):
+                for topic in range(OTHER_TOPICS):
                     # All that wait, as what is taken later would seem to be new then.
                     left = MOST_WAITING
-                    while left > 0 and call(context.take, context.other_subscriptions[other],
-                                            context.other_incoming[other], 0, 0) == 0:
+                    while left > 0 and call(context.take, context.other_subscriptions[topic],
+                                            context.other_incoming[topic], 0, 0) == 0:
                         left -= 1
-                        buffer = numba.carray(at(context.other_incoming[other]), (2,), np.int64)
+                        buffer = numba.carray(at(context.other_incoming[topic]), (2,), np.int64)
                         octets = numba.carray(at(buffer[0]), (buffer[1],), np.uint8)
-                        if other == HAND_DEVIATIONS:
+                        if topic == HAND_DEVIATIONS:
                             known = process_deviations(commands, packs[0], packs[4], octets)
                         else:
                             known = process_position(
                                 commands, packs[0], packs[4], octets, now)
                         if not known:
-                            context.has_missed_other[other] = 1
+                            context.has_missed_other[topic] = 1
                             is_known = False
                             left = 0
                 done = NOT_FOLLOWED

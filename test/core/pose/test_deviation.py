@@ -144,20 +144,57 @@ def test_markers_far_off_the_hand_refute_a_digit_that_meets_its_own():
 
 
 def test_a_hand_that_is_refuted_stays_so_while_its_markers_are_hidden():
-    tracker, rows = HandTracker(HAND), np.arange(len(JOINTS))
     right = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.)))
     wrong = right * (1., 1., -1.)
-    found = []
-    for frame in range(240):
-        markers = (right if frame < 60 else wrong).copy()
-        # A hand whose digits come and go, and one that is right again from 1.5 s on.
-        if 100 <= frame < 180 and frame % 10 < 4:
-            markers[3:7] = np.nan
-        state = tracker.update(right if frame >= 180 else markers, frame / 120.)
-        found.append(mean_confidence(state.deviation, rows, UNKNOWN))
+    hidden = wrong.copy()
+    hidden[3:7] = np.nan
+    # A hand whose digits come and go, and one that is right again from 1.5 s on.
+    found = confidences(60 * [right] + 40 * [wrong] + 8 * (4 * [hidden] + 6 * [wrong])
+                        + 60 * [right])
     assert min(found[30:60]) > .5
     assert max(found[84:180]) < .05
     assert min(found[220:]) > .5
+
+
+def confidences(frames, tracker=None):
+    """Return the confidence in each frame of markers at 120 Hz."""
+    tracker, rows = tracker or HandTracker(HAND), np.arange(len(JOINTS))
+    return [mean_confidence(tracker.update(markers, frame / 120.).deviation, rows, UNKNOWN)
+            for frame, markers in enumerate(frames)]
+
+
+def test_markers_before_the_palm_is_placed_refute_nothing():
+    markers = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.))) + 1.5
+    first = markers.copy()
+    first[1] = np.nan
+    assert min(confidences([first] + 10 * [markers])[1:]) > .5
+
+
+def test_what_was_far_off_and_is_hidden_is_forgotten():
+    markers = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.)))
+    hidden = markers.copy()
+    hidden[1] = np.nan
+    found = []
+    for misfit in (0., .02):
+        tracker = HandTracker(HAND)
+        confidences(60 * [markers], tracker)
+        tracker._state.palm.misfit[1] = misfit
+        found.append([mean_confidence(tracker.update(hidden, frame / 120.).deviation,
+                                      np.arange(len(JOINTS)), UNKNOWN)
+                      for frame in range(60, 660)])
+    never, once = found
+    assert once[5] < .8 * never[5] and once[-1] == pytest.approx(never[-1], abs=.01)
+
+
+def test_another_hand_is_not_refuted_by_the_former_ones_misfits():
+    tracker = HandTracker(Hand.scaled(length=.15))
+    markers = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.)))
+    hidden = markers.copy()
+    hidden[4] = np.nan
+    confidences(120 * [markers] + [hidden], tracker)
+    assert max(tracker._state.palm.misfit.max(), tracker._state.digits.misfit.max()) > .004
+    tracker.configure(HAND)
+    assert tracker._state.palm.misfit.max() == tracker._state.digits.misfit.max() == 0.
 
 
 def test_noise_of_a_marker_and_of_the_palm_add():
