@@ -123,7 +123,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._known_jumps = 0   # of the last status
         self._judges_hand = values['min_confidence'] > 0.
         self._judged_time = time.monotonic()  # when deviations last said how much is known of it
-        self._known_judged_count, self._unjudged = 0, ''   # the last text of it
+        self._known_judged_count = 0
+        self._unjudged = ''     # why nobody judges the hand, as it was logged last
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
@@ -501,7 +502,7 @@ class RetargetNode(SubscriptionHidingNode):
         unjudged = self._find_unjudged()
         if unjudged and unjudged != self._unjudged:
             self.get_logger().warning(unjudged)
-        self._unjudged = unjudged or self._unjudged
+            self._unjudged = unjudged
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
         if guard.is_engaged:
             self._warn_of_shared_commands()

@@ -5,8 +5,8 @@ of abduction, its direction in the plane of the first flexion, its distance from
 the reach, of the second. Of a straight digit the reach changes by the square of the second flexion
 alone; there natural flexion bounds it. The last joint follows its coupling. Besides noise, the
 error of the hand's model counts, by far the most of both: bones, joints and the marker's place.
-It is at least the marker's own distance from the hand: one that is far off refutes the pose, and
-for a while after it was.
+It is at least the marker's own distance from the hand: one that is far off refutes the pose, also
+for a while afterwards.
 
 Without a marker an angle's deviation is a share of the range between its limits, and that of a
 hidden digit grows to it. Unlike the variance of `angle_filter`, which is chosen for quiet angles,

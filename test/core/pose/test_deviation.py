@@ -55,6 +55,13 @@ def deviations(angles, noise=0., palm_noise=0., hidden_for=0., several=NOTHING, 
     return report.deviation
 
 
+def confidences(frames, tracker=None, first=0):
+    """Return the confidence in each frame of markers at 120 Hz, from frame `first` on."""
+    tracker, rows = tracker or HandTracker(HAND), np.arange(len(JOINTS))
+    return [mean_confidence(tracker.update(markers, frame / 120.).deviation, rows, UNKNOWN)
+            for frame, markers in enumerate(frames, first)]
+
+
 def combined(variance, unknown):
     return 1. / np.sqrt(1. / variance + 1. / unknown ** 2)
 
@@ -156,13 +163,6 @@ def test_a_hand_that_is_refuted_stays_so_while_its_markers_are_hidden():
     assert min(found[220:]) > .5
 
 
-def confidences(frames, tracker=None):
-    """Return the confidence in each frame of markers at 120 Hz."""
-    tracker, rows = tracker or HandTracker(HAND), np.arange(len(JOINTS))
-    return [mean_confidence(tracker.update(markers, frame / 120.).deviation, rows, UNKNOWN)
-            for frame, markers in enumerate(frames)]
-
-
 def test_markers_before_the_palm_is_placed_refute_nothing():
     markers = marker_positions(MOUNTING, forward(joint_table(HAND), bent(60.))) + 1.5
     first = markers.copy()
@@ -179,9 +179,7 @@ def test_what_was_far_off_and_is_hidden_is_forgotten():
         tracker = HandTracker(HAND)
         confidences(60 * [markers], tracker)
         tracker._state.palm.misfit[1] = misfit
-        found.append([mean_confidence(tracker.update(hidden, frame / 120.).deviation,
-                                      np.arange(len(JOINTS)), UNKNOWN)
-                      for frame in range(60, 660)])
+        found.append(confidences(600 * [hidden], tracker, 60))
     never, once = found
     assert once[5] < .8 * never[5] and once[-1] == pytest.approx(never[-1], abs=.01)
 
