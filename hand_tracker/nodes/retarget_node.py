@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from threading import Timer
+from threading import Event, Thread, Timer
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -54,6 +54,9 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
+REST_PERIOD = 1.        # [s] between two messages that show a robot that no hand moves yet
+# Of those: the least for robot_state_publisher, which leaves out what is no later than its last.
+REST_STAMP = Stamp(1, 0)
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
 WAKING_PERIOD = .01     # [s] between two checks of what waits
@@ -110,6 +113,12 @@ class RetargetNode(SubscriptionHidingNode):
         self._outputs = self._make_command_outputs(values)
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
+        raw = Serialization().raw
+        if not raw:
+            self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
+        self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
+                           for name, _ in self._outputs]
+        self._has_shown_hand = False
         self._compile(loaded, hand)
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         if self._wrist_outputs:
@@ -128,11 +137,6 @@ class RetargetNode(SubscriptionHidingNode):
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
         self._sharers: set[str] = set()  # who publishes its commands too
-        raw = Serialization().raw
-        if not raw:
-            self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
-        self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
-                           for name, _ in self._outputs]
         if values['fast_path'] and raw:
             self._prepare_fast_path()
         self._listen(raw)
@@ -143,14 +147,28 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
 
     def _compile(self, loaded: LoadedRobot, hand: Hand) -> None:
-        """Compile or load the kernels; log a line where that takes long."""
+        """Compile or load the kernels, show the robot; log a line where that takes long."""
         notice = Timer(NOTICE_AFTER, self.get_logger().info, [
             f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
+        ready = Event()
+        showing = Thread(target=self._show_rest_until, args=(ready,))
         notice.start()
+        showing.start()
         try:
             compile_following(loaded, hand)
         finally:
             notice.cancel()
+            ready.set()
+            showing.join()
+
+    def _show_rest_until(self, ready: Event) -> None:
+        while not ready.wait(REST_PERIOD):
+            self._show_rest()
+
+    def _show_rest(self) -> None:
+        """Show the robot as long as no hand has come, whose frames show it from then on."""
+        if not self._has_shown_hand:
+            self._show_present(REST_STAMP)
 
     def _make_command_outputs(self, values: Mapping[str, Any]) -> list[tuple[str, Publisher]]:
         """Return the name and publisher of each output for the robot, and of what is shown."""
@@ -206,6 +224,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._pace, self._wrist_pace = (CommandPace(self._period, tick) for _ in range(2))
         self.create_timer(tick, self._on_timer, clock=steady_clock())
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
+        self.create_timer(REST_PERIOD, self._show_rest, clock=steady_clock())
 
     # The fast path
 
@@ -289,6 +308,7 @@ class RetargetNode(SubscriptionHidingNode):
         if self._teleoperation.observe_hand(
                 hand.names, hand.positions, now, nanoseconds(hand.stamp)):
             self._send(now, hand.stamp)
+        self._has_shown_hand = True
         self._show_present(hand.stamp)
         self._publish_state()
 

@@ -379,6 +379,24 @@ def test_no_command_is_sent_in_a_state_before_that_is_published(robot):
             assert what == held[0]
 
 
+def test_the_robot_is_shown_at_rest_until_the_hand_comes(robot):
+    with NodeProcess(MODULE, {'robot': robot, 'show_robot': True}) as process, \
+            watching_node() as node:
+        shown = node.collect(JointState, 'robot/shown')
+        node.spin_until(lambda: len(shown) > 1)
+        # Earlier than all that follow, which robot_state_publisher would leave out otherwise.
+        assert {one.header.stamp.sec for one in shown} == {1}
+        assert set(shown[0].name) == set(joints())
+        assert shown[0].position == shown[-1].position
+        bench = Bench(node)
+        node.spin_until(lambda: shown[-1].header.stamp.sec > 1)
+        latest = bench.stamps[-1].sec
+        node.spin_until(lambda: bench.stamps[-1].sec > latest + 1.5 / PERIOD)
+        first = next(i for i, one in enumerate(shown) if one.header.stamp.sec > 1)
+        assert all(one.header.stamp.sec > 1 for one in shown[first:])
+        assert process.interrupt() == 0, process.output
+
+
 def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
     parameters = {'robot': robot, 'outputs': 'joint_state joint_trajectory position_array',
                   'show_robot': True}
