@@ -36,7 +36,7 @@ class Compilation:
         For each set of kernels what loads it: called in a thread, with the cache folder, once the
         set is on disk.
     program : str
-        Module that compiles them, run as ``python -m``.
+        Module that compiles them, run as ``python -m`` with their names.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Compilation:
 
     def _start(self, folder: Path, complaints: IO[str]) -> subprocess.Popen[bytes]:
         return start_low_priority(
-            ['-m', self._program],
+            ['-m', self._program, *self._loaders],
             {'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder),
              STARTER_VARIABLE: str(os.getpid())},
             subprocess.DEVNULL, complaints)

@@ -201,21 +201,22 @@ class Stream:
         **loaders
             Loaders of further sets of kernels, by the set's name.
         """
+        labels_points = isinstance(self.reader, PointLabelReader)
         if DEFERRED:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
-            self._has_announced = isinstance(self.reader, PointLabelReader)
+            self._has_announced = labels_points
             slowly = ('labels points and tracks, and most frames are left out'
-                      if self._has_announced else 'tracks, more slowly')
+                      if labels_points else 'tracks, more slowly')
             self._log_lines.append((False, 'first start: kernels are compiled in the background '
                                     f'for {COMPILE_TIME}; until then plain Python {slowly}'))
-        if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
-            loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
+            if not labels_points:   # nobody waits for them yet
+                loaders[LABELLING_SET] = load_labelling_kernels
         if loaders:
             self.compilation = Compilation(loaders, program)
         if LABELLING_SET in loaders:
             self._labelling = self.compilation
-        if isinstance(self.reader, PointLabelReader):
+        if labels_points:
             self.compile_for_points()
 
     def compile_for_points(self, beside: Stream | None = None) -> None:
@@ -229,7 +230,8 @@ class Stream:
         if not LABELLING_IS_DEFERRED or self._awaits_labelling:
             return
         if self._labelling is None:
-            self._labelling = (Compilation({LABELLING_SET: load_labelling_kernels})
+            # In a process of its own, beside those of tracking.
+            self._labelling = (Compilation({LABELLING_SET: load_labelling_kernels}, PROGRAM)
                                if beside is None else beside._labelling)
         elif LABELLING_SET in self._labelling.loaded:
             return

@@ -1,9 +1,10 @@
 """Compile the kernels of tracking, of the fast path and of labelling into the cache.
 
-Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no running ROS.
+Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path [SET...]``; needs no running ROS.
 """
 
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 
 from ...core.numerics import jit
@@ -15,24 +16,25 @@ from .rcl import FastPathUnavailable
 from .track_path import FastPath
 
 
-def main() -> int:
-    """Compile set by set; return the exit code."""
-    return run_compilation(complete_sets)
-
-
-def complete_sets(starter: int) -> None:
-    """Compile set by set for a process that waits for them."""
-    complete_set(jit.TRACKING_SET, compile_tracking, starter)
-    with suppress(FastPathUnavailable):
-        complete_set(FastPath.KERNEL_SET, compile_fast_path, starter)
-    complete_set(jit.LABELLING_SET, compile_labelling, starter)
-
-
 def compile_fast_path() -> None:
     """Compile the fast path; raise FastPathUnavailable where it cannot serve here."""
     codec_agrees()
     PacketRelay(FastPath(compile_tracking().kernel_arguments()))
 
 
+ALL_SETS = {jit.TRACKING_SET: compile_tracking, FastPath.KERNEL_SET: compile_fast_path,
+            jit.LABELLING_SET: compile_labelling}
+
+
+def main(names: Sequence[str]) -> int:
+    """Compile sets by their names, all where none is given; return the exit code."""
+    def complete(starter: int) -> None:
+        for name in names or ALL_SETS:
+            with suppress(FastPathUnavailable):
+                complete_set(name, ALL_SETS[name], starter)
+
+    return run_compilation(complete)
+
+
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))
