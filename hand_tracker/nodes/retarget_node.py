@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from threading import Event, Thread, Timer
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
 from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -54,9 +55,8 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
-REST_PERIOD = 1.        # [s] between two messages that show a robot that no hand moves yet
-# Of those: the least for robot_state_publisher, which leaves out what is no later than its last.
-REST_STAMP = Stamp(1, 0)
+SERVING_PERIOD = .05    # [s] between two callbacks while the kernels are compiled
+COMPILING = 'the kernels are being compiled or loaded: try again in a moment'
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
 WAKING_PERIOD = .01     # [s] between two checks of what waits
@@ -118,7 +118,8 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
         self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
                            for name, _ in self._outputs]
-        self._has_shown_hand = False
+        self._is_ready = False
+        self.create_service(SetBool, '~/engage', self._serve_engage)
         self._compile(loaded, hand)
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         if self._wrist_outputs:
@@ -144,31 +145,46 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(f'unsure: {line}')
         self.get_logger().info(f'{loaded.hand.name}: not engaged; listening for the {hand.side} '
                                f"hand on {self.resolve_topic_name('joint_states')}")
+        self._is_ready = True
         self._publish_state()
 
     def _compile(self, loaded: LoadedRobot, hand: Hand) -> None:
-        """Compile or load the kernels, show the robot; log a line where that takes long."""
+        """Compile or load the kernels; log a line where that takes long."""
         notice = Timer(NOTICE_AFTER, self.get_logger().info, [
             f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
-        ready = Event()
-        showing = Thread(target=self._show_rest_until, args=(ready,))
         notice.start()
-        showing.start()
         try:
-            compile_following(loaded, hand)
+            with self._served_in_thread():
+                compile_following(loaded, hand)
         finally:
             notice.cancel()
-            ready.set()
-            showing.join()
 
-    def _show_rest_until(self, ready: Event) -> None:
-        while not ready.wait(REST_PERIOD):
-            self._show_rest()
+    @contextmanager
+    def _served_in_thread(self) -> Iterator[None]:
+        """Show the robot beside the hand, and answer who engages it, in a thread."""
+        is_over = Event()
+        executor = SingleThreadedExecutor(context=self.context)
+        executor.add_node(self)
 
-    def _show_rest(self) -> None:
-        """Show the robot as long as no hand has come, whose frames show it from then on."""
-        if not self._has_shown_hand:
-            self._show_present(REST_STAMP)
+        def serve() -> None:
+            with suppress(ExternalShutdownException):
+                while not is_over.wait(SERVING_PERIOD):
+                    executor.spin_once(timeout_sec=0.)
+
+        thread = Thread(target=serve)
+        shown_by = None if self._shown is None else self.create_subscription(
+            JointState, 'joint_states',
+            lambda hand: self._show_present(_read_object(hand).stamp),
+            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+        thread.start()
+        try:
+            yield
+        finally:
+            is_over.set()
+            thread.join()
+            executor.shutdown()
+            if shown_by is not None:
+                self.destroy_subscription(shown_by)
 
     def _make_command_outputs(self, values: Mapping[str, Any]) -> list[tuple[str, Publisher]]:
         """Return the name and publisher of each output for the robot, and of what is shown."""
@@ -214,7 +230,6 @@ class RetargetNode(SubscriptionHidingNode):
                 self.create_subscription(JointState, topic, read, profile, raw=raw))
         self.create_subscription(Bool, '~/engage', self._on_engage, RETARGET_DEPTH)
         self.create_subscription(Bool, '~/deadman', self._on_deadman, latest)
-        self.create_service(SetBool, '~/engage', self._serve_engage)
         if self._wrist_outputs:
             self.create_subscription(
                 imported_message('tf2_msgs', 'TFMessage'), '/tf', self._on_transforms, recent)
@@ -224,7 +239,6 @@ class RetargetNode(SubscriptionHidingNode):
         self._pace, self._wrist_pace = (CommandPace(self._period, tick) for _ in range(2))
         self.create_timer(tick, self._on_timer, clock=steady_clock())
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
-        self.create_timer(REST_PERIOD, self._show_rest, clock=steady_clock())
 
     # The fast path
 
@@ -308,7 +322,6 @@ class RetargetNode(SubscriptionHidingNode):
         if self._teleoperation.observe_hand(
                 hand.names, hand.positions, now, nanoseconds(hand.stamp)):
             self._send(now, hand.stamp)
-        self._has_shown_hand = True
         self._show_present(hand.stamp)
         self._publish_state()
 
@@ -366,6 +379,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._engage(message.data)
 
     def _serve_engage(self, request: Any, response: Any) -> Any:
+        if not self._is_ready:
+            response.success, response.message = not request.data, COMPILING
+            return response
         reason = self._engage(request.data)
         response.success, response.message = not reason, reason or self._reason
         return response

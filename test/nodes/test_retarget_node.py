@@ -23,7 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
-from hand_tracker.nodes import serialization
+from hand_tracker.nodes import retarget_node, serialization
 from hand_tracker.nodes.retarget_node import RetargetNode
 from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.simulation.poses import pose_angles
@@ -379,22 +379,30 @@ def test_no_command_is_sent_in_a_state_before_that_is_published(robot):
             assert what == held[0]
 
 
-def test_the_robot_is_shown_at_rest_until_the_hand_comes(robot):
-    with NodeProcess(MODULE, {'robot': robot, 'show_robot': True}) as process, \
-            watching_node() as node:
-        shown = node.collect(JointState, 'robot/shown')
-        node.spin_until(lambda: len(shown) > 1)
-        # Earlier than all that follow, which robot_state_publisher would leave out otherwise.
-        assert {one.header.stamp.sec for one in shown} == {1}
-        assert set(shown[0].name) == set(joints())
-        assert shown[0].position == shown[-1].position
-        bench = Bench(node)
-        node.spin_until(lambda: shown[-1].header.stamp.sec > 1)
-        latest = bench.stamps[-1].sec
-        node.spin_until(lambda: bench.stamps[-1].sec > latest + 1.5 / PERIOD)
-        first = next(i for i, one in enumerate(shown) if one.header.stamp.sec > 1)
-        assert all(one.header.stamp.sec > 1 for one in shown[first:])
-        assert process.interrupt() == 0, process.output
+def test_while_kernels_are_compiled_the_robot_is_shown_and_cannot_be_engaged(robot, monkeypatch):
+    watched = []
+
+    def compile_following(loaded, hand):
+        with watching_node() as node:
+            shown = node.collect(JointState, 'robot/shown')
+            bench = Bench(node)
+            node.spin_until(lambda: len(shown) > 1)
+            watched.extend([*shown, bench.stamps, bench.engage(), bench.engage(False)])
+
+    monkeypatch.setattr(retarget_node, 'compile_following', compile_following)
+    rclpy.init(args=['--ros-args', '-p', f'robot:={robot}', '-p', 'show_robot:=true'])
+    try:
+        node = RetargetNode()
+        assert not list(one for one in node.subscriptions if one.topic_name == '/joint_states')[1:]
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    *shown, stamps, refused, granted = watched
+    assert (refused.success, refused.message) == (False, retarget_node.COMPILING)
+    assert granted.success
+    for one in shown:
+        assert one.header.stamp in stamps and set(one.name) == set(joints())
+        assert one.position == shown[0].position
 
 
 def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
