@@ -145,7 +145,8 @@ ARGUMENTS = (
     ArgumentRow('left_body_frame', '',
                 'Frame that the left one of both hands hangs on; both hang on a body, or neither'),
     ArgumentRow('left_mount', '', 'Parameter file with the offset of the left one of both hands'),
-    ArgumentRow('fixed_frame', 'mocap', 'Fixed frame of RViz'),
+    ArgumentRow('fixed_frame', 'mocap', 'Fixed frame of RViz: the frame_id of the markers, else '
+                'it shows nothing'),
     ArgumentRow('use_sim_time', 'false',
                 'Follow /clock, which another node publishes: the replay here does not',
                 TRUE_FALSE),
