@@ -33,7 +33,7 @@ from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
-from ..retargeting.command_guard import NO_HAND, WAS_LOST, GuardState
+from ..retargeting.command_guard import NO_HAND, ROBOT_MISSING, WAS_LOST, GuardState
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import LoadedRobot, load_robot
@@ -55,7 +55,14 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
+FAR_FROM_COMMAND = .5   # [rad] above which a robot does not do what is commanded
 SERVING_PERIOD = .05    # [s] between two callbacks while the kernels are compiled
+# What to do where others publish joint states on the topic of the hand, or of the robot.
+SHARED_HAND = ('give the hand a topic of its own (remap joint_states). Joints of others are left '
+               'out, which takes time; two trackers of one hand would both move the robot (one '
+               'that was killed counts for 20 s)')
+SHARED_ROBOT = ("only one of them may tell where this robot's joints are; a joint_state_publisher "
+                'beside the driver contradicts it')
 COMPILING = 'the kernels are being compiled or loaded: try again in a moment'
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
@@ -137,7 +144,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._unjudged = ''     # why nobody judges the hand, as it was logged last
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
-        self._sharers: set[str] = set()  # who publishes its commands too
+        self._is_far = False    # the robot from its command, at the last status
+        self._warned: set[str] = set()  # of what
         if values['fast_path'] and raw:
             self._prepare_fast_path()
         self._listen(raw)
@@ -376,24 +384,27 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
 
     def _on_engage(self, message: Bool) -> None:
-        self._engage(message.data)
+        guard = self._teleoperation.guard
+        self._engage(message.data, guard.request, guard.withdraw)
 
     def _serve_engage(self, request: Any, response: Any) -> Any:
         if not self._is_ready:
             response.success, response.message = not request.data, COMPILING
             return response
-        reason = self._engage(request.data)
+        guard = self._teleoperation.guard
+        reason = self._engage(request.data, guard.engage, guard.disengage)
         response.success, response.message = not reason, reason or self._reason
         return response
 
-    def _engage(self, wanted: bool) -> str:
+    def _engage(self, wanted: bool, engage: Callable[[float], str],
+                disengage: Callable[[], None]) -> str:
         self._take_over()
-        guard, reason = self._teleoperation.guard, ''
+        reason = ''
         if wanted:
             self._namesake_fault = namesake_fault(self)
-            reason = self._engage_by(guard.engage)
+            reason = self._engage_by(engage)
         else:
-            guard.disengage()
+            disengage()
             self._stop_wrist()
         self._publish_state()
         return reason
@@ -401,7 +412,8 @@ class RetargetNode(SubscriptionHidingNode):
     def _engage_by(self, act: Callable[[float], str]) -> str:
         """Engage the robot by an act of its guard, and the arm with it; return why not."""
         now = time.monotonic()
-        guard, topic = self._teleoperation.guard, self._joint_subscriptions[0].topic_name
+        guard = self._teleoperation.guard
+        topic, _, robot_topic = (one.topic_name for one in self._joint_subscriptions)
         if not guard.is_engaged:
             self._stop_wrist()
             if self._namesake_fault:
@@ -415,6 +427,8 @@ class RetargetNode(SubscriptionHidingNode):
             reason = f'{reason}; {self._hand_fault}'
         elif reason == NO_HAND and (why := self._teleoperation.why_lost(now)):
             reason = f'{reason}; {why}'
+        elif reason.startswith(ROBOT_MISSING) and not self.count_publishers(robot_topic):
+            reason = f'{reason}; nobody publishes {robot_topic}'
         if self._wrist is not None and not reason:
             self._wrist.engage(now)
         return reason
@@ -493,19 +507,17 @@ class RetargetNode(SubscriptionHidingNode):
         """Return the names of the nodes that publish a topic, as often as they do, sorted."""
         return sorted(filter(None, map(full_name, self.get_publishers_info_by_topic(topic))))
 
-    def _warn_of_shared_topic(self) -> None:
-        """Warn once where not the hand's tracker alone publishes its joint states."""
-        topic = self._joint_subscriptions[0].topic_name
-        if self.count_publishers(topic) < 2:
-            return
-        names = self._publishers_of(topic)
-        # Of two trackers of one name they themselves tell; or one was killed, and started anew.
-        if len(set(names)) > 1:
-            self.get_logger().warning(
-                f'{topic} has {len(names)} publishers ({", ".join(names)}): give the hand a topic '
-                'of its own (remap joint_states). Joints of others are left out, which takes '
-                'time; two trackers of one hand would both move the robot (one that was killed '
-                'counts for 20 s)', once=True)
+    def _warn_of_shared_topics(self) -> None:
+        """Warn once where not the hand's tracker, or the robot's driver, alone publishes."""
+        for number, advice in ((0, SHARED_HAND), (2, SHARED_ROBOT)):
+            topic = self._joint_subscriptions[number].topic_name
+            if self.count_publishers(topic) < 2:
+                continue
+            names = self._publishers_of(topic)
+            # Of two trackers of one name they themselves tell; or one was killed, and started anew.
+            if len(set(names)) > 1:
+                self._warn_once(
+                    topic, f'{topic} has {len(names)} publishers ({", ".join(names)}): {advice}')
 
     def _find_unjudged(self) -> str:
         """Return why nobody judges how much is known of the hand, or nothing."""
@@ -522,35 +534,50 @@ class RetargetNode(SubscriptionHidingNode):
         return (f'{fault}: a hand whose markers are lost is followed '
                 '(remap joint_confidence, or set min_confidence to 0)')
 
-    def _warn_of_shared_commands(self) -> None:
-        """Warn once of others who publish its commands."""
+    def _shared_commands(self) -> list[str]:
+        """Return who publishes its commands too, in words; log each once."""
         own = self.get_fully_qualified_name()
-        for topic in {publisher.topic_name for _, publisher in self._outputs}:
-            for other in {*self._publishers_of(topic)} - {own} - self._sharers:
-                self._sharers.add(other)
-                self.get_logger().warning(
-                    f'{topic} is published by {other} too: the limits of speed and acceleration '
-                    'hold for the commands of this node alone')
+        faults = [f'{topic} is published by {other} too: the limits of speed and acceleration hold '
+                  'for the commands of this node alone'
+                  for topic in sorted({publisher.topic_name for _, publisher in self._outputs})
+                  for other in sorted({*self._publishers_of(topic)} - {own})]
+        for text in faults:
+            self._warn_once(text, text)
+        return faults
+
+    def _find_blocked(self) -> str:
+        """Return which joint has not done for a second what is commanded, or nothing."""
+        joint, off = self._teleoperation.guard.farthest_from_command()
+        was_far, self._is_far = self._is_far, off > FAR_FROM_COMMAND
+        if not (self._is_far and was_far):
+            return ''
+        text = (f'{joint} is {off:.1f} rad from its command: it grasps something, or is stopped, '
+                'and goes there at its own speed once it is free')
+        self._warn_once(joint, text)
+        return text
+
+    def _warn_once(self, key: str, text: str) -> None:
+        if key not in self._warned:
+            self._warned.add(key)
+            self.get_logger().warning(text)
 
     def _publish_status(self) -> None:
-        self._warn_of_shared_topic()
+        self._warn_of_shared_topics()
         self._namesake_fault = namesake_fault(self)
         unjudged = self._find_unjudged()
         if unjudged and unjudged != self._unjudged:
             self.get_logger().warning(unjudged)
             self._unjudged = unjudged
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
-        if guard.is_engaged:
-            self._warn_of_shared_commands()
+        engaged = [*self._shared_commands(), self._find_blocked()] if guard.is_engaged else []
         refused = self._teleoperation.refused_jumps
         new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'
         if new_jumps:
             text += f'; jumps of the hand refused: {new_jumps}'
-        for other in filter(None, (self._namesake_fault, unjudged)):
-            text += f'; {other}'
-        is_fine = guard.is_following and not (
-            self._wrist_fault or new_jumps or self._namesake_fault or unjudged)
+        others = [*filter(None, (self._namesake_fault, unjudged, *engaged))]
+        text = '; '.join((text, *others))
+        is_fine = guard.is_following and not (self._wrist_fault or new_jumps or others)
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN
         status = Status(level, text, {
             'state': guard.state.value,

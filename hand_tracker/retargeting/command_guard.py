@@ -10,9 +10,9 @@ States and what changes them:
 
 Whoever engages it by the deadman holds it by that: silence is a release, as after each press.
 A deadman that is pressed on as the robot is disengaged, or relaxes, has to be released before it
-engages again. Nothing is sent while disengaged. Every command follows from the last one that was
-sent, or, after engaging, from where the robot is: within limits, speed and acceleration, whatever
-comes in.
+engages again, and a request that is repeated on and on has to end. Nothing is sent while
+disengaged. Every command follows from the last one that was sent, or, after engaging, from where
+the robot is: within limits, speed and acceleration, whatever comes in.
 """
 
 from __future__ import annotations
@@ -41,7 +41,11 @@ from .guard_options import GuardOptions
 
 # Reasons of `CommandGuard` that a frame of the hand ends
 NO_HAND, WAS_LOST = 'there is no hand to follow', 'the hand was lost: engage again'
+ROBOT_MISSING = "the robot's joint states are missing"  # what such a reason begins with
 AT_REST = 1e-3         # [rad] from the rest position
+MOVED = .1             # [rad] of a robot that others have moved meanwhile
+REQUEST_PAUSE = 3.     # [s] after which a request is no repetition: `ros2 topic pub` has 1 Hz
+LEAPING_TIME = 1.      # [s] in which two leaps of the robot's joint states contradict each other
 
 
 class GuardState(enum.Enum):
@@ -106,7 +110,9 @@ class CommandGuard:
         self.memory.robot[:self.memory.joints] = self._rest
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
-        self._must_release = False
+        self._must_release = self._must_ask_anew = False
+        self._request_time = -math.inf
+        self._held_at = self.robot      # as the stream of commands stopped
         self._judged_time = self._resumed_time = -math.inf
         self._lacking = ''
 
@@ -175,6 +181,19 @@ class CommandGuard:
         if given.shape == self._rest.shape:
             observe_position(self.pack, given, stamp, now)
 
+    def farthest_from_command(self) -> tuple[str, float]:
+        """Return the joint that is farthest from its command by its last states, and how far.
+
+        Returns
+        -------
+        name : str
+        off : float
+            [rad, or where it slides in shares of what counts as one]
+        """
+        off = np.abs(self.robot - self._command) / self._per_radian
+        joint = int(off.argmax())
+        return self._names[joint], float(off[joint])
+
     def refuse_robot(self, lacking: str) -> None:
         """Take note that the robot's last joint states lack a joint, for messages."""
         self._lacking = lacking
@@ -209,13 +228,53 @@ class CommandGuard:
         if self.state is GuardState.RELAXING:
             self._go(GuardState.EASING, 'the hand is back, and it was engaged anew')
             return ''
-        memory = self.memory
-        start = memory.robot[:memory.joints] if self.options.require_robot_state else self._rest
-        self._command[:] = np.clip(start, self._lower, self._upper)
-        memory.velocity[:] = 0.
-        memory.command_time[0] = now
+        self._begin_at(self._start_position(now), now)
         self._go(GuardState.EASING, "moving slowly to the person's pose")
         return ''
+
+    def request(self, now: float) -> str:
+        """Engage by a request that may be repeated, as on a topic; return why not, or nothing.
+
+        Repeated on and on, it does not undo what has disengaged the robot, or lets it relax.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        self.judge_ages(now)
+        is_repeated = now - max(self._request_time, self._resumed_time) < REQUEST_PAUSE
+        self._request_time = now
+        if self._must_ask_anew and is_repeated:
+            return (f'{self._reason}; it is asked for again and again since: stop that, or ask for '
+                    'the opposite first')
+        return self.engage(now)
+
+    def withdraw(self) -> None:
+        """Take a request back, which disengages the robot."""
+        self.disengage()
+        self._must_ask_anew = False
+
+    def _has_recent_robot(self, now: float) -> bool:
+        """Return whether joint states of the robot came within `robot_timeout`."""
+        return not now - self.memory.robot_time[0] > self.options.robot_timeout
+
+    def _start_position(self, now: float) -> np.ndarray:
+        """Return where the robot is, by what came last: its joint states or a command."""
+        memory = self.memory
+        is_recent, command_time = self._has_recent_robot(now), memory.command_time[0]
+        if is_recent and memory.robot_time[0] >= command_time:
+            return self.robot
+        # It goes on to the last command, where nobody moves it otherwise.
+        if not self.options.require_robot_state or now - command_time <= self.options.robot_timeout:
+            return self._command.copy()
+        return self.robot
+
+    def _begin_at(self, position: np.ndarray, now: float) -> None:
+        """Let the next command follow from where the robot is, at rest."""
+        self._command[:] = np.clip(position, self._lower, self._upper)
+        self.memory.velocity[:] = 0.
+        self.memory.command_time[0] = max(now, float(self.memory.command_time[0]))
 
     def has_hand(self, now: float) -> bool:
         """Return whether a frame of the hand came within `hand_timeout`.
@@ -244,7 +303,9 @@ class CommandGuard:
             return ''
         if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
             kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
-            return f"the robot's joint states are missing or {kind}{self._robot_fault()}"
+            return f'{ROBOT_MISSING} or {kind}{self._robot_fault()}'
+        if now - memory.former_leap_time[0] < LEAPING_TIME:
+            return "the robot's joint states leap to and fro, as of two publishers"
         start = memory.robot[:memory.joints]
         beyond = np.maximum(self._lower - start, start - self._upper)
         beyond /= self._per_radian
@@ -291,7 +352,8 @@ class CommandGuard:
 
     def _go(self, state: GuardState, reason: str) -> None:
         self.memory.state[0], self._reason = STATES.index(state), reason
-        self._must_release = state in (GuardState.DISENGAGED, GuardState.RELAXING)
+        self._must_release = self._must_ask_anew = state in (
+            GuardState.DISENGAGED, GuardState.RELAXING)
         self.memory.reached[:], self.memory.return_time[0] = 0, -math.inf
 
     def command(self, now: float) -> np.ndarray | None:
@@ -312,12 +374,11 @@ class CommandGuard:
         self.judge_ages(now)
         if not self.is_engaged:
             return None
-        step, state = start_step(self.pack, now), self.state
+        state = self.state
+        if state is GuardState.HOLDING and self.options.on_lost == 'stop':
+            return None
+        step = start_step(self.pack, now)
         if state is GuardState.HOLDING:
-            if self.options.on_lost == 'stop':
-                # The next command follows from the last one that was sent.
-                self.memory.velocity[:] = 0.
-                return None
             self._move(self._command.copy(), 0., step)
         elif state is GuardState.RELAXING:
             self._move(self._rest, self.options.relax_speed, step)
@@ -361,9 +422,14 @@ class CommandGuard:
             grown_old = float(memory.hand_time[0]) + memory.hand_timeout
             self._lost_time = grown_old if math.isfinite(grown_old) else now
             self._go(GuardState.HOLDING, 'the hand is lost')
+            self._held_at = self.robot
         if self.state is not GuardState.HOLDING:
             return
         if not is_lost:
+            if self.options.on_lost == 'stop':
+                moved = (np.abs(self.robot - self._held_at) / self._per_radian).max()
+                is_elsewhere = moved > MOVED and self._has_recent_robot(now)
+                self._begin_at(self.robot if is_elsewhere else self._command.copy(), now)
             self._go(GuardState.EASING, 'the hand is back')
             memory.return_time[0] = now
         elif now - self._lost_time > self.options.disengage_after:

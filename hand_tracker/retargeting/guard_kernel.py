@@ -21,6 +21,8 @@ from .jump_gate import JumpGate, accepts_position, new_jump_gate
 GUARD_CAPACITY = 256    # joints at most
 REACHED = .1            # [rad] from the person's pose, where a joint has reached it
 MIN_EASING = .3         # [s] to a hand that came back: its first frames may be of the pose before
+LEAP = .3               # [rad] of the robot in no time, which it cannot move; and in time beyond
+LEAP_SPEED = 2.         # times its greatest speed: of two publishers
 SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
 # What is wrong with the robot's joint states; else the first joint that is not finite
 NO_FAULT, LACKS_JOINT, SAME_STAMP = -1, -2, -3
@@ -59,6 +61,8 @@ class GuardMemory(NamedTuple):
         Of the hand's last frame that was accepted, the same unless one has jumped since, of the
         last command, of the pose's being reached, of the deadman and of the robot's joint
         states [s].
+    leap_time, former_leap_time : ndarray, shape (1,)
+        Of the last two leaps of the robot's joint states [s].
     return_time : ndarray, shape (1,)
         Of the hand's coming back, where the robot held before easing; else infinitely long ago [s].
     gate : JumpGate
@@ -98,6 +102,8 @@ class GuardMemory(NamedTuple):
     reached_time: np.ndarray
     press_time: np.ndarray
     robot_time: np.ndarray
+    leap_time: np.ndarray
+    former_leap_time: np.ndarray
     return_time: np.ndarray
     gate: JumpGate
     robot_stamp: np.ndarray
@@ -194,8 +200,13 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, stamp: int,
     guard.robot_stamp[0] = stamp
     guard.robot_fault[0] = _first_broken(guard, given)
     if guard.robot_fault[0] == NO_FAULT and math.isfinite(now):
+        has_leapt, since = False, max(now - guard.robot_time[0], 0.)
         for i in range(guard.joints):
+            most = LEAP * guard.per_radian[i] + LEAP_SPEED * guard.speed[i] * since
+            has_leapt = has_leapt or abs(given[i] - guard.robot[i]) > most
             guard.robot[i] = given[i]
+        if has_leapt:
+            guard.former_leap_time[0], guard.leap_time[0] = guard.leap_time[0], now
         guard.has_robot[0], guard.robot_time[0] = 1, now
 
 

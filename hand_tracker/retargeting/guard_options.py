@@ -31,7 +31,7 @@ class GuardOptions:
         .25, .01, 10., 's', 'How long one press of the deadman lasts')
     require_robot_state: bool = switch(
         True, "Whether the robot's own joint states must be known to engage and while it moves; "
-        'else commands begin at the rest position')
+        'else commands begin at the last one, at first at the rest position, where none come')
     robot_timeout: float = number_option(
         .5, .01, 60., 's', "Age of the robot's joint states up to which it may be or stay engaged")
     max_speed: float = number_option(

@@ -115,7 +115,7 @@ class Retargeter:
                 f'{len(JOINTS)} finite numbers, in radians')
         self.human.angles[0] = given
         place_landmarks(self._human)
-        return self.update(self.human.landmarks, dt, self.human.angles[0])
+        return self._solve(self.human.landmarks, dt, self.human.angles[0])
 
     def update(self, landmarks: ArrayLike, dt: float,
                angles: np.ndarray = UNKNOWN_ANGLES) -> np.ndarray:
@@ -147,12 +147,17 @@ class Retargeter:
         if human.shape != (len(LANDMARKS), 3) or angles.shape != (len(JOINTS),):
             raise ValueError(f'landmarks: shape {human.shape}, angles: shape {angles.shape}; '
                              f'expected ({len(LANDMARKS)}, 3) and ({len(JOINTS)},)')
+        if self._is_first and _shows_tip(human):
+            require_wrist_frame(human, self.hand.side)
+        return self._solve(human, dt, angles)
+
+    def _solve(self, human: np.ndarray, dt: float, angles: np.ndarray) -> np.ndarray:
+        """Solve a frame in the wrist's frame, see `update`."""
         if not dt >= 0.:
             raise ValueError(f'dt: {dt!r}; expected seconds, not less than 0')
-        if not np.isfinite(human[TIP_ROWS]).all(axis=1).any():
+        if not _shows_tip(human):
             return self._position.copy()
         if self._is_first:
-            require_wrist_frame(human, self.hand.side)
             self._solve_first(human, angles)
             self._is_first = False
         else:
@@ -180,3 +185,8 @@ class Retargeter:
         for _ in range(rounds):
             cost = solve_frame(self._problem, self._solution, human, angles, np.inf)
         return float(cost)
+
+
+def _shows_tip(landmarks: np.ndarray) -> bool:
+    """Return whether the place of any tip is known."""
+    return bool(np.isfinite(landmarks[TIP_ROWS]).all(axis=1).any())

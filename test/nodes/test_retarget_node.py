@@ -145,6 +145,47 @@ def test_a_node_beside_one_of_its_name_is_not_engaged(robot):
         assert process.interrupt() == 0, process.output
 
 
+def test_a_robot_that_does_not_move_and_two_drivers_are_told(robot):
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        answers = []
+        bench = Bench(node)
+        node.destroy_publisher(bench._robot)
+        node.repeat(lambda: answers.append(bench.engage().message), lambda: any(
+            'nobody publishes /robot/joint_states' in one for one in answers), .1)
+        bench._robot = node.create_publisher(JointState, 'robot/joint_states', 10)
+        # It stays .7 rad and more from the hand.
+        bench.start, bench.angles = robot_states(joints(), .05), pose_angles('fist', bench.hand)
+        bench.until('following')
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        node.spin_until(lambda: any(
+            'rad from its command' in status.message and status.level == DiagnosticStatus.WARN
+            for message in diagnostics for status in message.status))
+        process.wait_for_line('rad from its command')
+        with watching_node('driver') as driver:
+            driver.create_publisher(JointState, 'robot/joint_states', 10)
+            node.spin_until(lambda: '/robot/joint_states has 2 publishers' in process.output)
+        assert process.interrupt() == 0, process.output
+    assert process.output.count('rad from its command') < 25
+
+
+def test_a_request_that_is_repeated_engages_no_robot_that_was_stopped(robot):
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        bench = Bench(node)
+        bench.start = robot_states(joints(), .05)
+        process.wait_for_line('listening')
+        node.repeat(lambda: bench.by_topic.publish(Bool(data=True)),
+                    lambda: bench.states[-1:] == ['following'], .2)
+        assert bench.engage(False).success
+        for _ in range(20):
+            bench.by_topic.publish(Bool(data=True))
+            node.spin_for(.1)
+        assert bench.states[-1] == 'disengaged' and 'easing' not in bench.states[-2:]
+        bench.by_topic.publish(Bool(data=False))
+        node.repeat(lambda: bench.by_topic.publish(Bool(data=True)),
+                    lambda: bench.states[-1:] == ['following'], .2)
+        assert process.interrupt() == 0, process.output
+
+
 def test_others_who_publish_its_commands_are_named_once_it_is_engaged(robot):
     said = 'robot/command is published by /test too'
     with NodeProcess(MODULE, {'robot': robot, 'safety.hold_to_engage': True}) as process, \

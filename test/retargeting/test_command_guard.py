@@ -205,6 +205,43 @@ def test_engaging_again_starts_from_the_robot_and_not_from_the_last_command():
     assert np.abs(rig.tick(robot=moved) - moved).max() < .01
 
 
+def test_a_robot_without_joint_states_is_engaged_again_where_it_was_left():
+    rig = Rig(require_robot_state=False).engaged()
+    rig.run(4., robot=None)
+    last = rig.run(1., robot=None)[-1]
+    rig.guard.disengage()
+    rig.run(2., robot=None)
+    assert rig.guard.engage(rig.now) == ''
+    assert np.abs(rig.tick(robot=None) - last).max() < .01
+    # Where joint states come all the same, they tell.
+    rig.guard.disengage()
+    rig.run(.1)
+    assert rig.guard.engage(rig.now) == ''
+    assert np.abs(rig.tick() - ROBOT_POSITION).max() < .01
+
+
+def test_joint_states_older_than_the_last_command_are_no_start():
+    rig = Rig().following()
+    last = rig.run(.2, robot=None)[-1]
+    assert np.abs(last - ROBOT_POSITION).max() > .3
+    rig.guard.disengage()
+    assert rig.guard.engage(rig.now) == ''
+    assert np.abs(rig.tick(robot=None) - last).max() < .01
+
+
+def test_joint_states_that_leap_to_and_fro_are_no_start():
+    rig, other = Rig(), ROBOT_POSITION - .4
+    rig.run(1.)
+    rig.run(.05, robot=other)
+    assert rig.guard.missing(rig.now) == ''     # once: another controller may have moved it
+    rig.tick()
+    assert 'leap to and fro' in rig.guard.engage(rig.now)
+    rig.run(.9)
+    assert 'leap to and fro' in rig.guard.missing(rig.now)
+    rig.run(.2)
+    assert rig.guard.engage(rig.now) == ''
+
+
 def test_speed_and_acceleration_hold_and_the_urdf_counts():
     rig = Rig(max_jump=10., max_speed=3., max_acceleration=30.).following()
     last, before = rig.tick(), None
@@ -351,6 +388,16 @@ def test_a_hand_that_is_back_in_time_elsewhere_is_eased_to_from_where_the_robot_
     assert len(steps) > .8 / (rig.options.ease_speed * STEP)
 
 
+def test_a_robot_that_others_moved_while_the_stream_was_stopped_is_eased_from_where_it_is():
+    rig = Rig(on_lost='stop').following()
+    rig.run(.5, hand=None)
+    moved = ROBOT_POSITION + (.1, -.3, .2)
+    rig.run(.2, hand=None, robot=moved)
+    commands = rig.run(.1, robot=moved)
+    assert np.abs(commands[0] - moved).max() < .01
+    assert rig.guard.state is GuardState.EASING
+
+
 @pytest.mark.parametrize('release', ['by itself', 'said'])
 def test_a_hand_that_is_back_in_time_is_not_followed_once_the_deadman_was_released(release):
     rig = Rig(hold_to_engage=True)
@@ -472,6 +519,41 @@ def test_a_deadman_that_is_pressed_on_and_on_undoes_no_stop(why, relax):
     rig.guard.disengage()
     assert all(command is None for command in [*pressed(.1), *rig.run(.3)])
     assert pressed(.1)[-1] is not None
+
+
+@pytest.mark.parametrize('why, relax', [
+    ('stopped', False), ('hand lost', False), ('hand lost', True), ('robot lost', False)])
+def test_a_request_that_is_repeated_undoes_no_stop(why, relax):
+    rig = Rig(relax=relax)
+    rig.run(.1, hand=None)
+
+    def requested(seconds, **given):
+        answers = []
+        for tick in range(round(seconds / STEP)):
+            if tick % 100 == 0:     # as `ros2 topic pub` does
+                answers.append(rig.guard.request(rig.now))
+            rig.tick(**given)
+        return answers
+
+    # Before it was engaged once, it may be repeated until a hand comes.
+    assert requested(1., hand=None) == ['there is no hand to follow']
+    rig.tick()
+    assert requested(3.)[-1] == '' and rig.guard.state is GuardState.FOLLOWING
+    if why == 'stopped':
+        rig.guard.disengage()
+    else:
+        requested(rig.options.disengage_after + .5, **{why.removesuffix(' lost'): None})
+    answers = requested(5.)
+    assert not rig.guard.is_following
+    assert all('asked for again and again' in answer for answer in answers)
+    rig.guard.withdraw()
+    assert requested(.1) == [''] and rig.guard.is_following
+    # So does a pause, of whoever asks and not of this process.
+    rig.guard.disengage()
+    rig.now += 10.
+    assert 'again' in requested(.1)[0]
+    rig.run(3.)
+    assert requested(.1) == ['']
 
 
 @pytest.mark.parametrize('gap', [.3, .9, 2., 3600.])

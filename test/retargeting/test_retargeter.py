@@ -192,6 +192,12 @@ def test_what_are_no_angles_in_radians_is_named(angles):
         solver.update_angles(angles, 1. / RATE)
 
 
+def test_joint_angles_of_an_unusual_palm_are_followed_from_the_first_frame():
+    solver = Retargeter(human_robot(), wide_hand())
+    position = solver.update_angles(np.full(len(JOINTS), 1.5), 1. / RATE)
+    assert np.isfinite(position).all()
+
+
 def test_a_swing_at_10_hz_is_hardly_delayed():
     robot, hand = human_robot(), wide_hand()
     solver = Retargeter(robot, hand)
