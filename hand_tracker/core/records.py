@@ -15,6 +15,7 @@ from .model.marker_layout import MARKERS, Mounting
 from .model.marker_rows import ROW_CAPACITY, MarkerRows, RowState, initial_rows
 from .model.palm_triangle import Wrist, wrist_at_origin
 from .occlusion.transdigital import DigitPrior, Transdigital, nothing_learned
+from .pose.continuity import Pace, no_pace
 
 
 class Model(NamedTuple):
@@ -76,6 +77,8 @@ class State(NamedTuple):
         Of these angles.
     blended, offset : ndarray, shape (25,)
         Angles without jumps, and their difference to the estimated ones [rad].
+    pace : Pace
+        Of the estimated angles.
     separated, contact_offset : ndarray, shape (25,)
         Angles after contact resolution, and their difference to the blended ones [rad].
     neighbour_difference : ndarray, shape (3,)
@@ -117,6 +120,7 @@ class State(NamedTuple):
     estimate: AngleFilter
     blended: np.ndarray
     offset: np.ndarray
+    pace: Pace
     separated: np.ndarray
     contact_offset: np.ndarray
     neighbour_difference: np.ndarray
@@ -161,7 +165,7 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
         np.full(len(rest), marker_noise), initial_association(), nothing_learned(),
         wrist_at_origin(), angles=relaxed.copy(),
         estimate=initial_angle_filter(relaxed), blended=relaxed.copy(), offset=np.zeros(joints),
-        separated=relaxed.copy(), contact_offset=np.zeros(joints),
+        pace=no_pace(), separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
         capsule_ends=np.zeros((2, CAPSULE_COUNT, 3, 3)), are_placed=np.zeros(1, dtype=bool),
         last_markers=np.full((ROW_CAPACITY, 3), np.nan),

@@ -54,7 +54,8 @@ REACH_DEVIATION = .005       # [m]
 
 REFUSAL_FACTOR = 1.2         # [1] cost of refusing a marker over that at its gate
 RELABELLING_COST = 1.        # of each marker that takes another's row
-TAKEOVER_DISTANCE = .01      # [m] from its prediction, for a row given to a hidden marker
+# From its prediction, for a row given to a hidden marker of a digit, and of the palm [m]
+TAKEOVER_DISTANCE, PALM_TAKEOVER_DISTANCE = .01, .03
 HIDDEN_STRAY_SPEED = .05     # [m/s] of a hidden digit; 5 times that is twice ManipNet's p95
 HIDDEN_STRAY_SHARE = .3      # [1] of a hidden digit's own speed, where that is more
 RETURN_DEVIATIONS = 3.       # [1] of a side, by which a palm marker that comes back may differ
@@ -361,6 +362,8 @@ def cost_reading(evidence: Evidence, bounds: HandBounds, kept: Kept, relabel: bo
             if kept[i]:
                 off = distance(vector(markers[rows[i]]), vector(expected[i]))
                 cost = min((off / deviation[i]) ** 2, highest)
+                if rows[i] != i and not seen[i] and off > PALM_TAKEOVER_DISTANCE:
+                    cost = UNFIT_COST
         costs[i] = cost
         total += cost + (RELABELLING_COST if rows[i] != i else 0.0)
 
