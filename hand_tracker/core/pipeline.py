@@ -47,7 +47,7 @@ from .occlusion.prediction import Observation
 from .occlusion.transdigital import limit_neighbour_difference
 from .options import KernelOptions
 from .pose.contact import CONTACT_GAP, Mobility, drag_hidden, separate
-from .pose.continuity import blend_on
+from .pose.continuity import blend
 from .pose.report import (
     Report,
     hang_digits,
@@ -448,8 +448,8 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
     predicted = local_flags(5)
     for i in range(5):
         predicted[i] = not (palm_is_seen and seen[3 + i])
-    blend_on(state.estimate.angles, state.blended, state.offset, state.pace, state.changed,
-             predicted, step, options.reentry_rate, chains.lower, chains.upper)
+    blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
+          options.reentry_rate, chains.lower, chains.upper, state.pace)
 
 
 @jit

@@ -43,7 +43,7 @@ from .guard_options import GuardOptions
 NO_HAND, WAS_LOST = 'there is no hand to follow', 'the hand was lost: engage again'
 ROBOT_MISSING = "the robot's joint states are missing"  # what such a reason begins with
 AT_REST = 1e-3         # [rad] from the rest position
-MOVED = .1             # [rad] of a robot that others have moved meanwhile
+MOVED_BY_OTHERS = .1             # [rad] of a robot that others have moved meanwhile
 REQUEST_PAUSE = 3.     # [s] after which a request is no repetition: `ros2 topic pub` has 1 Hz
 LEAPING_TIME = 1.      # [s] in which two leaps of the robot's joint states contradict each other
 
@@ -428,7 +428,7 @@ class CommandGuard:
         if not is_lost:
             if self.options.on_lost == 'stop':
                 moved = (np.abs(self.robot - self._held_at) / self._per_radian).max()
-                is_elsewhere = moved > MOVED and self._has_recent_robot(now)
+                is_elsewhere = moved > MOVED_BY_OTHERS and self._has_recent_robot(now)
                 self._begin_at(self.robot if is_elsewhere else self._command.copy(), now)
             self._go(GuardState.EASING, 'the hand is back')
             memory.return_time[0] = now

@@ -14,13 +14,13 @@ import numpy as np
 
 from ..model.hand import DIGIT_OF_JOINT
 from ..numerics.jit import jit
-from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import clamp
 
-FASTEST_PACE = 15.  # [rad/s] of an angle that goes on; ours
-PACE_TIME = .05     # [s] time constant with which its velocity fades; ours
-SHORT_GAP = 3.5     # frames between two whose difference is a velocity, at most; ours
-CATCHING_UP = 1.5   # times that velocity, at which an angle may turn; ours
+FASTEST_PACE = 15.      # [rad/s] of an angle that goes on; ours
+CARRY_TIME = .05        # [s] time constant with which its velocity fades; ours
+SMOOTHING_TIME = .006   # [s] time constant of that velocity while it is measured; ours
+SHORT_GAP = 3.5         # frames between two whose difference is a velocity, at most; ours
+CATCHING_UP = 1.5       # times its velocity, at which an angle may turn that is late; ours
 
 
 class Pace(NamedTuple):
@@ -50,7 +50,7 @@ def no_pace() -> Pace:
 @jit
 def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: np.ndarray,
           predicted: np.ndarray, step: float, rate: float, lower: np.ndarray,
-          upper: np.ndarray) -> None:
+          upper: np.ndarray, pace: Pace | None = None) -> None:
     """Blend solved angles so that none jumps when a marker is lost or found.
 
     Parameters
@@ -71,63 +71,44 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
         Largest rate of the offset's decay and of a predicted angle [rad/s].
     lower, upper : ndarray, shape (25,)
         Limits [rad].
+    pace : Pace, optional
+        Velocity with which changed and predicted digits go on; updated.
     """
     most = rate * step
+    kept = math.exp(-step / CARRY_TIME)
+    hurry = 1. if pace is None else CATCHING_UP
     for joint in range(len(solved)):
         digit = DIGIT_OF_JOINT[joint]
-        largest = most
+        largest, carried = most, 0.
+        if pace is not None:
+            since = pace.measured_for[digit] + step
+            # Without a gap before it, what has changed is other evidence than markers.
+            is_other = changed[digit] and since < 1.5 * step
+            if predicted[digit] or is_other or not 0. < since <= min(SHORT_GAP * step, CARRY_TIME):
+                pace.velocity[joint] *= kept
+            else:
+                velocity = clamp((solved[joint] - pace.measured[joint]) / since,
+                                 -FASTEST_PACE, FASTEST_PACE)
+                pace.velocity[joint] += (1. - math.exp(-since / SMOOTHING_TIME)) * (
+                    velocity - pace.velocity[joint])
+            if not predicted[digit]:
+                pace.measured[joint] = solved[joint]
+            if changed[digit] or predicted[digit]:
+                carried = step * pace.velocity[joint]
+        start = blended[joint] + carried
         if changed[digit]:
-            offset[joint] = blended[joint] - solved[joint]
+            offset[joint] = start - solved[joint]
         elif not predicted[digit]:
-            largest = max(most, abs(solved[joint] + offset[joint] - blended[joint]))
+            largest = max(most, hurry * abs(solved[joint] + offset[joint] - start))
         offset[joint] -= clamp(offset[joint], -most, most)
-        move = solved[joint] + offset[joint] - blended[joint]
-        offset[joint] -= move - clamp(move, -largest, largest)
+        move = solved[joint] + offset[joint] - start
+        allowed = clamp(move, -largest, largest)
+        if changed[digit] or predicted[digit]:
+            fastest = max(most, hurry * abs(carried))
+            allowed = clamp(allowed, -fastest - carried, fastest - carried)
+        offset[joint] -= move - allowed
         blended[joint] = clamp(solved[joint] + offset[joint], lower[joint], upper[joint])
         offset[joint] = blended[joint] - solved[joint]
-
-
-@jit
-def blend_on(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, pace: Pace,
-             changed: np.ndarray, predicted: np.ndarray, step: float, rate: float,
-             lower: np.ndarray, upper: np.ndarray) -> None:
-    """Blend solved angles, from the motion so far where evidence changes or lacks.
-
-    There they go on with the velocity that they had, and turn little faster, or at the rate.
-
-    Parameters
-    ----------
-    solved, blended, offset, changed, predicted, step, rate, lower, upper
-        As for `blend`.
-    pace : Pace
-        Updated.
-    """
-    former = local_floats(25)
-    kept = math.exp(-step / PACE_TIME)
-    for digit in range(len(predicted)):
-        pace.measured_for[digit] += step
-    for joint in range(len(solved)):
-        digit = DIGIT_OF_JOINT[joint]
-        former[joint] = blended[joint]
-        since = pace.measured_for[digit]
-        # Without a gap before it, what has changed is other evidence than markers.
-        is_other = changed[digit] and since < 1.5 * step
-        if not (predicted[digit] or is_other) and 0. < since <= min(SHORT_GAP * step, PACE_TIME):
-            pace.velocity[joint] = clamp((solved[joint] - pace.measured[joint]) / since,
-                                         -FASTEST_PACE, FASTEST_PACE)
-        else:
-            pace.velocity[joint] *= kept
-        if not predicted[digit]:
-            pace.measured[joint] = solved[joint]
-        if changed[digit] or predicted[digit]:
-            blended[joint] += step * pace.velocity[joint]
-    for digit in range(len(predicted)):
-        if not predicted[digit]:
-            pace.measured_for[digit] = 0.
-    blend(solved, blended, offset, changed, predicted, step, rate, lower, upper)
-    for joint in range(len(solved)):
-        digit = DIGIT_OF_JOINT[joint]
-        if changed[digit] or predicted[digit]:
-            most = step * max(rate, CATCHING_UP * abs(pace.velocity[joint]))
-            blended[joint] = former[joint] + clamp(blended[joint] - former[joint], -most, most)
-            offset[joint] = blended[joint] - solved[joint]
+    if pace is not None:
+        for digit in range(len(predicted)):
+            pace.measured_for[digit] = pace.measured_for[digit] + step if predicted[digit] else 0.

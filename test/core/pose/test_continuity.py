@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
-from hand_tracker.core.pose.continuity import blend
+from hand_tracker.core.pose.continuity import blend, no_pace
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
 STEP, RATE = .01, 15.
@@ -98,3 +98,44 @@ def test_limits_hold_while_it_fades():
     assert (path <= UPPER).all() and (path >= LOWER).all()
     assert path[6, OF_INDEX] == pytest.approx(2.)
     np.testing.assert_array_equal(path[-1], solved[-1])
+
+
+def paced(solved, missing, step=STEP, rate=5.):
+    """Return the angles of frames (n, 25) that go on where the index finger's marker is missing."""
+    blended, offset, pace = solved[0].copy(), np.zeros(25), no_pace()
+    path, was_missing = [], False
+    for frame, angles in enumerate(solved):
+        is_missing = frame in missing
+        changed = INDEX if is_missing != was_missing else NO_DIGIT
+        blend(angles, blended, offset, changed, INDEX if is_missing else NO_DIGIT, step, rate,
+              LOWER, UPPER, pace)
+        path.append(blended.copy())
+        was_missing = is_missing
+    return np.array(path)
+
+
+def test_a_marker_that_is_missing_for_a_frame_does_not_slow_a_fast_finger():
+    true = np.zeros((40, 25))
+    true[:, OF_INDEX] = np.clip(-.8 + .1 * np.arange(40), None, 1.9)[:, None]   # 10 rad/s
+    solved = true.copy()
+    solved[[8, 15]] = solved[[7, 14]]       # where the prediction holds it
+    late = (true - paced(solved, {8, 15}))[:, OF_INDEX]
+    # Where it is missing less than its way in a frame, as it comes back next to nothing.
+    assert abs(late).max() < .07 and abs(late[[9, 16]]).max() < .02
+    assert abs(np.delete(late, (8, 9, 15, 16), axis=0)).max() < 1e-12
+    without = blended_path(solved, {8: INDEX, 9: INDEX, 15: INDEX, 16: INDEX}, rate=5.)
+    assert (true - without)[16:25, OF_INDEX].min() > .15
+
+
+def test_a_finger_that_comes_back_elsewhere_after_a_while_goes_there_at_the_rate():
+    solved = np.zeros((40, 25))
+    solved[10:, OF_INDEX] = 1.
+    steps = np.diff(paced(solved, set(range(5, 10)))[:, OF_INDEX], axis=0)
+    assert abs(steps).max() == pytest.approx(5. * STEP)
+
+
+def test_a_carried_angle_stops_where_its_motion_does():
+    solved = np.zeros((60, 25))
+    solved[:11, OF_INDEX] = .08 * np.arange(-10, 1)[:, None]
+    path = paced(solved, set(range(10, 40)))[:, OF_INDEX]
+    assert path.max() < .15 and abs(path[-1]).max() < 1e-9
