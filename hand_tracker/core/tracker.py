@@ -179,7 +179,7 @@ class HandTracker:
         """
         # As if the digits came back.
         self._state.digits.seen[:] = False
-        self._state.pace.measured_for[:] = np.inf
+        self._state.pace.measured_for[:], self._state.pace.velocity[:] = np.inf, 0.
 
     def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:
         """Derive and pack all that depends on hand, layout and options alone."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from threading import Event, Thread, Timer
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -56,13 +56,14 @@ RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
 FAR_FROM_COMMAND = .5   # [rad] above which a robot does not do what is commanded
+FAR_TIME = .9           # [s] for which it is so: at two statuses
 SERVING_PERIOD = .05    # [s] between two callbacks while the kernels are compiled
 # What to do where others publish joint states on the topic of the hand, or of the robot.
 SHARED_HAND = ('give the hand a topic of its own (remap joint_states). Joints of others are left '
                'out, which takes time; two trackers of one hand would both move the robot (one '
                'that was killed counts for 20 s)')
-SHARED_ROBOT = ("only one of them may tell where this robot's joints are; a joint_state_publisher "
-                'beside the driver contradicts it')
+SHARED_ROBOT = ("only one of them may name this robot's joints; a joint_state_publisher beside the "
+                'driver contradicts it')
 COMPILING = 'the kernels are being compiled or loaded: try again in a moment'
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
@@ -144,7 +145,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._unjudged = ''     # why nobody judges the hand, as it was logged last
         self._sent = self._wrist_sent = -self._period
         self._namesake_fault = ''  # as of the last status, or of who engages
-        self._is_far = False    # the robot from its command, at the last status
+        self._far_joint, self._far_since = '', 0.   # from its command, at the last status [s]
         self._warned: set[str] = set()  # of what
         if values['fast_path'] and raw:
             self._prepare_fast_path()
@@ -175,9 +176,12 @@ class RetargetNode(SubscriptionHidingNode):
         executor.add_node(self)
 
         def serve() -> None:
-            with suppress(ExternalShutdownException):
-                while not is_over.wait(SERVING_PERIOD):
+            while not is_over.wait(SERVING_PERIOD) and self.context.ok():
+                try:
                     executor.spin_once(timeout_sec=0.)
+                except Exception as error:
+                    if self.context.ok():
+                        self.get_logger().error(f'{type(error).__name__}: {error}')
 
         thread = Thread(target=serve)
         shown_by = None if self._shown is None else self.create_subscription(
@@ -190,6 +194,7 @@ class RetargetNode(SubscriptionHidingNode):
         finally:
             is_over.set()
             thread.join()
+            executor.remove_node(self)
             executor.shutdown()
             if shown_by is not None:
                 self.destroy_subscription(shown_by)
@@ -384,27 +389,25 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
 
     def _on_engage(self, message: Bool) -> None:
-        guard = self._teleoperation.guard
-        self._engage(message.data, guard.request, guard.withdraw)
+        self._engage(message.data, self._teleoperation.guard.request)
 
     def _serve_engage(self, request: Any, response: Any) -> Any:
         if not self._is_ready:
-            response.success, response.message = not request.data, COMPILING
+            response.success = not request.data
+            response.message = COMPILING if request.data else 'it is not engaged'
             return response
-        guard = self._teleoperation.guard
-        reason = self._engage(request.data, guard.engage, guard.disengage)
+        reason = self._engage(request.data, self._teleoperation.guard.engage)
         response.success, response.message = not reason, reason or self._reason
         return response
 
-    def _engage(self, wanted: bool, engage: Callable[[float], str],
-                disengage: Callable[[], None]) -> str:
+    def _engage(self, wanted: bool, engage: Callable[[float], str]) -> str:
         self._take_over()
         reason = ''
         if wanted:
             self._namesake_fault = namesake_fault(self)
             reason = self._engage_by(engage)
         else:
-            disengage()
+            self._teleoperation.guard.disengage()
             self._stop_wrist()
         self._publish_state()
         return reason
@@ -539,7 +542,8 @@ class RetargetNode(SubscriptionHidingNode):
         own = self.get_fully_qualified_name()
         faults = [f'{topic} is published by {other} too: the limits of speed and acceleration hold '
                   'for the commands of this node alone'
-                  for topic in sorted({publisher.topic_name for _, publisher in self._outputs})
+                  for topic in sorted({publisher.topic_name for _, publisher in self._outputs
+                                       if publisher is not self._shown})
                   for other in sorted({*self._publishers_of(topic)} - {own})]
         for text in faults:
             self._warn_once(text, text)
@@ -547,9 +551,13 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _find_blocked(self) -> str:
         """Return which joint has not done for a second what is commanded, or nothing."""
-        joint, off = self._teleoperation.guard.farthest_from_command()
-        was_far, self._is_far = self._is_far, off > FAR_FROM_COMMAND
-        if not (self._is_far and was_far):
+        now = time.monotonic()
+        joint, off = self._teleoperation.guard.farthest_from_command(now)
+        if off <= FAR_FROM_COMMAND:
+            joint = ''
+        if joint != self._far_joint:
+            self._far_joint, self._far_since = joint, now
+        if not joint or now - self._far_since < FAR_TIME:
             return ''
         text = (f'{joint} is {off:.1f} rad from its command: it grasps something, or is stopped, '
                 'and goes there at its own speed once it is free')
@@ -569,7 +577,7 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(unjudged)
             self._unjudged = unjudged
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
-        engaged = [*self._shared_commands(), self._find_blocked()] if guard.is_engaged else []
+        engaged = [self._find_blocked(), *(self._shared_commands() if guard.is_engaged else ())]
         refused = self._teleoperation.refused_jumps
         new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'

@@ -10,9 +10,10 @@ States and what changes them:
 
 Whoever engages it by the deadman holds it by that: silence is a release, as after each press.
 A deadman that is pressed on as the robot is disengaged, or relaxes, has to be released before it
-engages again, and a request that is repeated on and on has to end. Nothing is sent while
-disengaged. Every command follows from the last one that was sent, or, after engaging, from where
-the robot is: within limits, speed and acceleration, whatever comes in.
+engages again, and a request that is repeated on and on has to pause. Nothing is sent while
+disengaged. Every command follows from the last one that was sent, or, after engaging and after a
+silence (`on_lost` stop), from where the robot is, by what came last, its joint states or a command:
+within limits, speed and acceleration, whatever comes in.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ ROBOT_MISSING = "the robot's joint states are missing"  # what such a reason beg
 AT_REST = 1e-3         # [rad] from the rest position
 MOVED_BY_OTHERS = .1             # [rad] of a robot that others have moved meanwhile
 REQUEST_PAUSE = 3.     # [s] after which a request is no repetition: `ros2 topic pub` has 1 Hz
+REPEATED = (f'it was asked for less than {REQUEST_PAUSE:g} s before: a request that is repeated '
+            'undoes no stop')
 LEAPING_TIME = 1.      # [s] in which two leaps of the robot's joint states contradict each other
 
 
@@ -181,15 +184,23 @@ class CommandGuard:
         if given.shape == self._rest.shape:
             observe_position(self.pack, given, stamp, now)
 
-    def farthest_from_command(self) -> tuple[str, float]:
+    def farthest_from_command(self, now: float) -> tuple[str, float]:
         """Return the joint that is farthest from its command by its last states, and how far.
+
+        Parameters
+        ----------
+        now : float
+            [s]
 
         Returns
         -------
         name : str
         off : float
-            [rad, or where it slides in shares of what counts as one]
+            0 while no commands lead to the hand, or no joint states come [rad, or where it slides
+            in shares of what counts as one].
         """
+        if not (self.is_following and self._has_recent_robot(now)):
+            return '', 0.
         off = np.abs(self.robot - self._command) / self._per_radian
         joint = int(off.argmax())
         return self._names[joint], float(off[joint])
@@ -246,14 +257,9 @@ class CommandGuard:
         is_repeated = now - max(self._request_time, self._resumed_time) < REQUEST_PAUSE
         self._request_time = now
         if self._must_ask_anew and is_repeated:
-            return (f'{self._reason}; it is asked for again and again since: stop that, or ask for '
-                    'the opposite first')
+            self._reason = REPEATED
+            return REPEATED
         return self.engage(now)
-
-    def withdraw(self) -> None:
-        """Take a request back, which disengages the robot."""
-        self.disengage()
-        self._must_ask_anew = False
 
     def _has_recent_robot(self, now: float) -> bool:
         """Return whether joint states of the robot came within `robot_timeout`."""
@@ -262,13 +268,36 @@ class CommandGuard:
     def _start_position(self, now: float) -> np.ndarray:
         """Return where the robot is, by what came last: its joint states or a command."""
         memory = self.memory
-        is_recent, command_time = self._has_recent_robot(now), memory.command_time[0]
-        if is_recent and memory.robot_time[0] >= command_time:
+        if self._has_recent_robot(now) and memory.robot_time[0] >= memory.command_time[0]:
             return self.robot
         # It goes on to the last command, where nobody moves it otherwise.
-        if not self.options.require_robot_state or now - command_time <= self.options.robot_timeout:
-            return self._command.copy()
-        return self.robot
+        return self._command.copy()
+
+    def _start_fault(self, now: float) -> str:
+        """Return why the robot's joint states, where there are some, are no start, or nothing."""
+        if not self._has_recent_robot(now):
+            return ''
+        if now - self.memory.former_leap_time[0] < LEAPING_TIME:
+            return "the robot's joint states leap to and fro, as of two publishers"
+        start = self.robot
+        beyond = np.maximum(self._lower - start, start - self._upper) / self._per_radian
+        if beyond.max() > self.options.outside_limits:
+            joint = int(beyond.argmax())
+            return (f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
+                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
+        return ''
+
+    def _end_silence(self, now: float) -> bool:
+        """Let commands begin again after the stream was stopped; return whether they may."""
+        if self.options.on_lost != 'stop':
+            return True
+        moved = (np.abs(self.robot - self._held_at) / self._per_radian).max()
+        is_elsewhere = moved > MOVED_BY_OTHERS and self._has_recent_robot(now)
+        if is_elsewhere and (fault := self._start_fault(now)):
+            self.disengage(fault)
+            return False
+        self._begin_at(self.robot if is_elsewhere else self._command.copy(), now)
+        return True
 
     def _begin_at(self, position: np.ndarray, now: float) -> None:
         """Let the next command follow from where the robot is, at rest."""
@@ -299,21 +328,12 @@ class CommandGuard:
             return 'the deadman is not pressed (hold_to_engage)'
         if not memory.has_wanted[0] or not self.has_hand(now):
             return NO_HAND
-        if self.state is GuardState.RELAXING or not self.options.require_robot_state:
+        if self.state is GuardState.RELAXING:
             return ''
-        if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
+        if self.options.require_robot_state and not self._has_recent_robot(now):
             kind = 'old' if memory.robot_fault[0] in (NO_FAULT, LACKS_JOINT) else 'of no use'
             return f'{ROBOT_MISSING} or {kind}{self._robot_fault()}'
-        if now - memory.former_leap_time[0] < LEAPING_TIME:
-            return "the robot's joint states leap to and fro, as of two publishers"
-        start = memory.robot[:memory.joints]
-        beyond = np.maximum(self._lower - start, start - self._upper)
-        beyond /= self._per_radian
-        if beyond.max() > self.options.outside_limits:
-            joint = int(beyond.argmax())
-            return (f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
-                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
-        return ''
+        return self._start_fault(now)
 
     def _robot_fault(self) -> str:
         """Return the fault of the robot's last joint states after a colon, or nothing."""
@@ -426,14 +446,11 @@ class CommandGuard:
         if self.state is not GuardState.HOLDING:
             return
         if not is_lost:
-            if self.options.on_lost == 'stop':
-                moved = (np.abs(self.robot - self._held_at) / self._per_radian).max()
-                is_elsewhere = moved > MOVED_BY_OTHERS and self._has_recent_robot(now)
-                self._begin_at(self.robot if is_elsewhere else self._command.copy(), now)
-            self._go(GuardState.EASING, 'the hand is back')
-            memory.return_time[0] = now
+            if self._end_silence(now):
+                self._go(GuardState.EASING, 'the hand is back')
+                memory.return_time[0] = now
         elif now - self._lost_time > self.options.disengage_after:
-            if self.options.relax:
+            if self.options.relax and self._end_silence(now):
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')
-            else:
+            elif self.is_engaged:
                 self.disengage(WAS_LOST)

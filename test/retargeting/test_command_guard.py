@@ -5,7 +5,7 @@ import pytest
 from helpers.command_rules import CommandRules, use_deadman
 
 from hand_tracker.retargeting import guard_kernel
-from hand_tracker.retargeting.command_guard import STATES, CommandGuard, GuardState
+from hand_tracker.retargeting.command_guard import REPEATED, STATES, CommandGuard, GuardState
 from hand_tracker.retargeting.guard_kernel import lose_hand, observe_wanted
 from hand_tracker.retargeting.guard_options import GuardOptions, InvalidGuardOption
 
@@ -215,6 +215,9 @@ def test_a_robot_without_joint_states_is_engaged_again_where_it_was_left():
     assert np.abs(rig.tick(robot=None) - last).max() < .01
     # Where joint states come all the same, they tell.
     rig.guard.disengage()
+    rig.run(.1, robot=UPPER + .5)
+    assert 'outside its limits' in rig.guard.engage(rig.now)
+    rig.run(1.)
     rig.run(.1)
     assert rig.guard.engage(rig.now) == ''
     assert np.abs(rig.tick() - ROBOT_POSITION).max() < .01
@@ -398,6 +401,36 @@ def test_a_robot_that_others_moved_while_the_stream_was_stopped_is_eased_from_wh
     assert rig.guard.state is GuardState.EASING
 
 
+def test_a_robot_that_two_publishers_tell_of_is_not_eased_to_after_a_silence():
+    rig = Rig(on_lost='stop').following()
+    for _ in range(25):
+        rig.tick(hand=None)
+        rig.tick(hand=None, robot=ROBOT_POSITION - .4)
+    assert rig.tick(robot=ROBOT_POSITION - .4) is None
+    assert rig.guard.state is GuardState.DISENGAGED and 'leap' in rig.guard.reason
+
+
+def test_after_a_silence_it_relaxes_from_where_it_is():
+    rig = Rig(on_lost='stop', relax=True, max_acceleration=5.).engaged()
+    rig.run(1.)
+    moved = ROBOT_POSITION + (.1, -.3, .2)
+    rig.run(.3, hand=None)
+    commands = rig.run(rig.options.disengage_after, hand=None, robot=moved)
+    first = next(command for command in commands if command is not None)
+    assert rig.guard.state is GuardState.RELAXING
+    assert np.abs(first - moved).max() < .001
+
+
+def test_how_far_the_robot_is_counts_while_it_tells_and_is_to_follow():
+    rig = Rig().following()
+    assert rig.guard.farthest_from_command(rig.now) == ('wrist', pytest.approx(.5, abs=.01))
+    rig.guard.disengage()
+    assert rig.guard.farthest_from_command(rig.now) == ('', 0.)
+    unknown = Rig(require_robot_state=False).engaged()
+    unknown.run(2., robot=None)
+    assert unknown.guard.farthest_from_command(unknown.now) == ('', 0.)
+
+
 @pytest.mark.parametrize('release', ['by itself', 'said'])
 def test_a_hand_that_is_back_in_time_is_not_followed_once_the_deadman_was_released(release):
     rig = Rig(hold_to_engage=True)
@@ -545,13 +578,12 @@ def test_a_request_that_is_repeated_undoes_no_stop(why, relax):
         requested(rig.options.disengage_after + .5, **{why.removesuffix(' lost'): None})
     answers = requested(5.)
     assert not rig.guard.is_following
-    assert all('asked for again and again' in answer for answer in answers)
-    rig.guard.withdraw()
-    assert requested(.1) == [''] and rig.guard.is_following
-    # So does a pause, of whoever asks and not of this process.
-    rig.guard.disengage()
+    assert answers and set(answers) == {REPEATED} and rig.guard.reason == REPEATED
+    rig.guard.disengage()       # by a single message between those that are repeated
+    assert requested(2.) == [REPEATED] * 2
+    # A pause of this process is none of whoever asks.
     rig.now += 10.
-    assert 'again' in requested(.1)[0]
+    assert requested(.1) == [REPEATED]
     rig.run(3.)
     assert requested(.1) == ['']
 

@@ -30,6 +30,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -108,6 +109,7 @@ CACHE_NAME = f'kernels-{SOURCES_DIGEST}'  # of the cache folder
 CACHE_FOLDER = _cache_folder(CACHE_NAME) if JIT_IS_ON else None
 # What first kept a kernel of this process from the disk.
 _unkept: list[KernelsUnavailable] = []
+_import_lock = Lock()   # sets of kernels are loaded by a thread each
 
 
 @contextmanager
@@ -199,6 +201,11 @@ COMPILED = JIT_IS_ON and not DEFERRED
 
 def _compiler(folder: Path | None) -> Any:
     """Import numba, set to keep kernels in a folder."""
+    with _import_lock:
+        return _imported_compiler(folder)
+
+
+def _imported_compiler(folder: Path | None) -> Any:
     numba: Any = import_module('numba')
     linalg: Any = import_module('numba.np.linalg')
 

@@ -4,7 +4,7 @@ When a marker vanishes, comes back or changes its label, the angles go on from w
 and the difference to the solution decays at a bounded rate; measured motion is neither delayed
 nor smoothed. Predicted digits turn no faster than that rate: a predicted marker may leave the
 digit's workspace, where the solution leaps. Both count from the motion so far, which a marker
-that is missing for a frame or two does not end.
+that is missing for a frame or two does not end: what is late by it catches up.
 """
 
 import math
@@ -75,7 +75,7 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
         Velocity with which changed and predicted digits go on; updated.
     """
     most = rate * step
-    kept = math.exp(-step / CARRY_TIME)
+    kept, taken = math.exp(-step / CARRY_TIME), 1. - math.exp(-step / SMOOTHING_TIME)
     hurry = 1. if pace is None else CATCHING_UP
     for joint in range(len(solved)):
         digit = DIGIT_OF_JOINT[joint]
@@ -83,14 +83,13 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
         if pace is not None:
             since = pace.measured_for[digit] + step
             # Without a gap before it, what has changed is other evidence than markers.
-            is_other = changed[digit] and since < 1.5 * step
+            is_other = changed[digit] and pace.measured_for[digit] == 0.
             if predicted[digit] or is_other or not 0. < since <= min(SHORT_GAP * step, CARRY_TIME):
                 pace.velocity[joint] *= kept
             else:
                 velocity = clamp((solved[joint] - pace.measured[joint]) / since,
                                  -FASTEST_PACE, FASTEST_PACE)
-                pace.velocity[joint] += (1. - math.exp(-since / SMOOTHING_TIME)) * (
-                    velocity - pace.velocity[joint])
+                pace.velocity[joint] += taken * (velocity - pace.velocity[joint])
             if not predicted[digit]:
                 pace.measured[joint] = solved[joint]
             if changed[digit] or predicted[digit]:
