@@ -121,7 +121,7 @@ def test_a_marker_that_is_missing_for_a_frame_does_not_slow_a_fast_finger():
     solved[[8, 15]] = solved[[7, 14]]       # where the prediction holds it
     late = (true - paced(solved, {8, 15}))[:, OF_INDEX]
     # Where it is missing less than its way in a frame, as it comes back next to nothing.
-    assert abs(late).max() < .07 and abs(late[[9, 16]]).max() < .02
+    assert abs(late).max() < .07 and abs(late[[9, 16]]).max() < .03
     assert abs(np.delete(late, (8, 9, 15, 16), axis=0)).max() < 1e-12
     without = blended_path(solved, {8: INDEX, 9: INDEX, 15: INDEX, 16: INDEX}, rate=5.)
     assert (true - without)[16:25, OF_INDEX].min() > .15
