@@ -112,7 +112,7 @@ class TrackerOptions:
         1., 0.05, 60., 's', 'Time constant in which a stale digit relaxes')
     reentry_rate: float = number_option(
         5., 0.1, 1000., 'rad/s', 'Largest angular rate of a predicted angle, and of the '
-        'correction where a marker comes back or vanishes')
+        'correction where a marker comes back or vanishes, unless it turned faster just before')
 
     def __post_init__(self) -> None:
         check(self, InvalidOption)
