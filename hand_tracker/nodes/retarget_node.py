@@ -57,14 +57,13 @@ RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
 FAR_FROM_COMMAND = .5   # [rad] above which a robot does not do what is commanded
 FAR_TIME = .9           # [s] for which it is so: at two statuses
-SERVING_PERIOD = .05    # [s] between two callbacks while the kernels are compiled
+SHOWN_PERIOD = .05      # [s] between two frames that show the robot while kernels are compiled
 # What to do where others publish joint states on the topic of the hand, or of the robot.
 SHARED_HAND = ('give the hand a topic of its own (remap joint_states). Joints of others are left '
                'out, which takes time; two trackers of one hand would both move the robot (one '
                'that was killed counts for 20 s)')
 SHARED_ROBOT = ("only one of them may name this robot's joints; a joint_state_publisher beside the "
                 'driver contradicts it')
-COMPILING = 'the kernels are being compiled or loaded: try again in a moment'
 LAST_STATE_WAIT = .2    # [s] that the last messages may take to reach their listeners
 DISCOVERED_AFTER = 3.   # [s] after which all topics of a node are known
 WAKING_PERIOD = .01     # [s] between two checks of what waits
@@ -126,8 +125,6 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
         self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
                            for name, _ in self._outputs]
-        self._is_ready = False
-        self.create_service(SetBool, '~/engage', self._serve_engage)
         self._compile(loaded, hand)
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         if self._wrist_outputs:
@@ -154,7 +151,6 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(f'unsure: {line}')
         self.get_logger().info(f'{loaded.hand.name}: not engaged; listening for the {hand.side} '
                                f"hand on {self.resolve_topic_name('joint_states')}")
-        self._is_ready = True
         self._publish_state()
 
     def _compile(self, loaded: LoadedRobot, hand: Hand) -> None:
@@ -163,20 +159,23 @@ class RetargetNode(SubscriptionHidingNode):
             f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
         notice.start()
         try:
-            with self._served_in_thread():
+            with self._shown_in_thread():
                 compile_following(loaded, hand)
         finally:
             notice.cancel()
 
     @contextmanager
-    def _served_in_thread(self) -> Iterator[None]:
-        """Show the robot beside the hand, and answer who engages it, in a thread."""
+    def _shown_in_thread(self) -> Iterator[None]:
+        """Show the robot beside the hand, in a thread."""
+        if self._shown is None:
+            yield
+            return
         is_over = Event()
         executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self)
 
         def serve() -> None:
-            while not is_over.wait(SERVING_PERIOD) and self.context.ok():
+            while not is_over.wait(SHOWN_PERIOD) and self.context.ok():
                 try:
                     executor.spin_once(timeout_sec=0.)
                 except Exception as error:
@@ -184,9 +183,8 @@ class RetargetNode(SubscriptionHidingNode):
                         self.get_logger().error(f'{type(error).__name__}: {error}')
 
         thread = Thread(target=serve)
-        shown_by = None if self._shown is None else self.create_subscription(
-            JointState, 'joint_states',
-            lambda hand: self._show_present(_read_object(hand).stamp),
+        hands = self.create_subscription(
+            JointState, 'joint_states', lambda hand: self._show_present(_read_object(hand).stamp),
             QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
         thread.start()
         try:
@@ -196,8 +194,7 @@ class RetargetNode(SubscriptionHidingNode):
             thread.join()
             executor.remove_node(self)
             executor.shutdown()
-            if shown_by is not None:
-                self.destroy_subscription(shown_by)
+            self.destroy_subscription(hands)
 
     def _make_command_outputs(self, values: Mapping[str, Any]) -> list[tuple[str, Publisher]]:
         """Return the name and publisher of each output for the robot, and of what is shown."""
@@ -243,6 +240,7 @@ class RetargetNode(SubscriptionHidingNode):
                 self.create_subscription(JointState, topic, read, profile, raw=raw))
         self.create_subscription(Bool, '~/engage', self._on_engage, RETARGET_DEPTH)
         self.create_subscription(Bool, '~/deadman', self._on_deadman, latest)
+        self.create_service(SetBool, '~/engage', self._serve_engage)
         if self._wrist_outputs:
             self.create_subscription(
                 imported_message('tf2_msgs', 'TFMessage'), '/tf', self._on_transforms, recent)
@@ -392,10 +390,6 @@ class RetargetNode(SubscriptionHidingNode):
         self._engage(message.data, self._teleoperation.guard.request)
 
     def _serve_engage(self, request: Any, response: Any) -> Any:
-        if not self._is_ready:
-            response.success = not request.data
-            response.message = COMPILING if request.data else 'it is not engaged'
-            return response
         reason = self._engage(request.data, self._teleoperation.guard.engage)
         response.success, response.message = not reason, reason or self._reason
         return response

@@ -44,7 +44,7 @@ from .guard_options import GuardOptions
 NO_HAND, WAS_LOST = 'there is no hand to follow', 'the hand was lost: engage again'
 ROBOT_MISSING = "the robot's joint states are missing"  # what such a reason begins with
 AT_REST = 1e-3         # [rad] from the rest position
-MOVED_BY_OTHERS = .1             # [rad] of a robot that others have moved meanwhile
+MOVED_BY_OTHERS = .1   # [rad] of a robot that others have moved meanwhile
 REQUEST_PAUSE = 3.     # [s] after which a request is no repetition: `ros2 topic pub` has 1 Hz
 REPEATED = (f'it was asked for less than {REQUEST_PAUSE:g} s before: a request that is repeated '
             'undoes no stop')

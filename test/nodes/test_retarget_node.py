@@ -424,7 +424,7 @@ def test_no_command_is_sent_in_a_state_before_that_is_published(robot):
             assert what == held[0]
 
 
-def test_while_kernels_are_compiled_the_robot_is_shown_and_cannot_be_engaged(robot, monkeypatch):
+def test_while_kernels_are_compiled_the_robot_is_shown(robot, monkeypatch):
     watched = []
 
     def compile_following(loaded, hand):
@@ -432,7 +432,7 @@ def test_while_kernels_are_compiled_the_robot_is_shown_and_cannot_be_engaged(rob
             shown = node.collect(JointState, 'robot/shown')
             bench = Bench(node)
             node.spin_until(lambda: len(shown) > 1)
-            watched.extend([*shown, bench.stamps, bench.engage(), bench.engage(False)])
+            watched.extend([*shown, bench.stamps])
 
     monkeypatch.setattr(retarget_node, 'compile_following', compile_following)
     rclpy.init(args=['--ros-args', '-p', f'robot:={robot}', '-p', 'show_robot:=true'])
@@ -442,9 +442,7 @@ def test_while_kernels_are_compiled_the_robot_is_shown_and_cannot_be_engaged(rob
         node.destroy_node()
     finally:
         rclpy.shutdown()
-    *shown, stamps, refused, granted = watched
-    assert (refused.success, refused.message) == (False, retarget_node.COMPILING)
-    assert granted.success
+    *shown, stamps = watched
     for one in shown:
         assert one.header.stamp in stamps and set(one.name) == set(joints())
         assert one.position == shown[0].position
