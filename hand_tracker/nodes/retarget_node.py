@@ -180,11 +180,12 @@ class RetargetNode(SubscriptionHidingNode):
                     executor.spin_once(timeout_sec=0.)
                 except Exception as error:
                     if self.context.ok():
-                        self.get_logger().error(f'{type(error).__name__}: {error}')
+                        self.get_logger().error(f'{type(error).__name__}: {error}',
+                                                throttle_duration_sec=10.)
 
         thread = Thread(target=serve)
         hands = self.create_subscription(
-            JointState, 'joint_states', lambda hand: self._show_present(_read_object(hand).stamp),
+            JointState, 'joint_states', lambda hand: self._show_present(hand.header.stamp),
             QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
         thread.start()
         try:
@@ -571,13 +572,13 @@ class RetargetNode(SubscriptionHidingNode):
             self.get_logger().warning(unjudged)
             self._unjudged = unjudged
         guard, fault = self._teleoperation.guard, self._teleoperation.fault
-        engaged = [self._find_blocked(), *(self._shared_commands() if guard.is_engaged else ())]
         refused = self._teleoperation.refused_jumps
         new_jumps, self._known_jumps = refused - self._known_jumps, refused
         text = fault or f'{guard.state.value}: {self._reason}'
         if new_jumps:
             text += f'; jumps of the hand refused: {new_jumps}'
-        others = [*filter(None, (self._namesake_fault, unjudged, *engaged))]
+        others = [*filter(None, (self._namesake_fault, unjudged, self._find_blocked())),
+                  *(self._shared_commands() if guard.is_engaged else ())]
         text = '; '.join((text, *others))
         is_fine = guard.is_following and not (self._wrist_fault or new_jumps or others)
         level = Level.ERROR if fault else Level.OK if is_fine else Level.WARN

@@ -271,7 +271,7 @@ class CommandGuard:
         if self._has_recent_robot(now) and memory.robot_time[0] >= memory.command_time[0]:
             return self.robot
         # It goes on to the last command, where nobody moves it otherwise.
-        return self._command.copy()
+        return self._command
 
     def _start_fault(self, now: float) -> str:
         """Return why the robot's joint states, where there are some, are no start, or nothing."""
@@ -296,7 +296,7 @@ class CommandGuard:
         if is_elsewhere and (fault := self._start_fault(now)):
             self.disengage(fault)
             return False
-        self._begin_at(self.robot if is_elsewhere else self._command.copy(), now)
+        self._begin_at(self.robot if is_elsewhere else self._command, now)
         return True
 
     def _begin_at(self, position: np.ndarray, now: float) -> None:

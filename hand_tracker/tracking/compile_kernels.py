@@ -6,8 +6,8 @@ Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilat
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -156,15 +156,24 @@ SETS: dict[str, Callable[[], object]] = {
     jit.TRACKING_SET: compile_tracking, jit.LABELLING_SET: compile_labelling}
 
 
-def starting_process() -> int:
-    """Return the process that asked for the kernels, which may have ended since."""
-    return int(os.environ.get(STARTER_VARIABLE, os.getppid()))
+def run_compilation(names: Sequence[str], sets: Mapping[str, Callable[[], object]] = SETS,
+                    *unavailable: type[Exception]) -> int:
+    """Compile sets by their names, all where none is given; return the exit code.
 
-
-def run_compilation(complete: Callable[[int], None]) -> int:
-    """Run what completes sets for the process that asked for them; return the exit code."""
+    Parameters
+    ----------
+    names : sequence of str
+    sets : mapping of str to callable, optional
+        What compiles each.
+    *unavailable : exception types
+        That a set may raise which cannot serve here.
+    """
+    # That process may have ended since.
+    starter = int(os.environ.get(STARTER_VARIABLE, os.getppid()))
     try:
-        complete(starting_process())
+        for name in names or sets:
+            with suppress(*unavailable):
+                complete_set(name, sets[name], starter)
     except StarterEnded:
         pass
     except jit.KernelsUnavailable as error:
@@ -173,14 +182,5 @@ def run_compilation(complete: Callable[[int], None]) -> int:
     return 0
 
 
-def main(names: Sequence[str]) -> int:
-    """Compile sets by their names, all where none is given; return the exit code."""
-    def complete(starter: int) -> None:
-        for name in names or SETS:
-            complete_set(name, SETS[name], starter)
-
-    return run_compilation(complete)
-
-
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_compilation(sys.argv[1:]))

@@ -201,22 +201,18 @@ COMPILED = JIT_IS_ON and not DEFERRED
 
 def _compiler(folder: Path | None) -> Any:
     """Import numba, set to keep kernels in a folder."""
-    with _import_lock:
-        return _imported_compiler(folder)
-
-
-def _imported_compiler(folder: Path | None) -> Any:
     numba: Any = import_module('numba')
     linalg: Any = import_module('numba.np.linalg')
 
     if folder is not None:
         # Numba looks for changes in a kernel's own file only: the folder's name covers the others.
         numba.config.CACHE_DIR = str(folder)
-    if 'numba.np.arraymath' not in sys.modules:
-        # It would import scipy.linalg, a fifth of a start, to see whether it is there.
-        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
-        import_module('numba.np.arraymath')
-        linalg.ensure_blas = check
+    with _import_lock:
+        if 'numba.np.arraymath' not in sys.modules:
+            # It would import scipy.linalg, a fifth of a start, to see whether it is there.
+            check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+            import_module('numba.np.arraymath')
+            linalg.ensure_blas = check
     return numba
 
 

@@ -4,12 +4,8 @@ Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path [SET...]``; ne
 """
 
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
 
-from ...core.numerics import jit
-from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
-from ...tracking.compile_kernels import compile_tracking, complete_set, run_compilation
+from ...tracking.compile_kernels import SETS, compile_tracking, run_compilation
 from ..serialization import codec_agrees
 from .packet_relay import PacketRelay
 from .rcl import FastPathUnavailable
@@ -22,19 +18,6 @@ def compile_fast_path() -> None:
     PacketRelay(FastPath(compile_tracking().kernel_arguments()))
 
 
-ALL_SETS = {jit.TRACKING_SET: compile_tracking, FastPath.KERNEL_SET: compile_fast_path,
-            jit.LABELLING_SET: compile_labelling}
-
-
-def main(names: Sequence[str]) -> int:
-    """Compile sets by their names, all where none is given; return the exit code."""
-    def complete(starter: int) -> None:
-        for name in names or ALL_SETS:
-            with suppress(FastPathUnavailable):
-                complete_set(name, ALL_SETS[name], starter)
-
-    return run_compilation(complete)
-
-
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_compilation(sys.argv[1:], {**SETS, FastPath.KERNEL_SET: compile_fast_path},
+                             FastPathUnavailable))
