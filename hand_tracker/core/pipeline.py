@@ -192,8 +192,8 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
                   options.frozen_frames)
     if model.rows.is_needed[0]:
         measure_rows(model.rows, state.rows, markers, seen, step)
-        fit_principal_palm(model.rows, state.rows, chains.lower, chains.upper, state.separated,
-                           state.wrist, state.fitted, markers, seen, step)
+        fit_principal_palm(model.rows, state.rows, state.average, chains.lower, chains.upper,
+                           state.separated, state.wrist, state.fitted, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
@@ -416,7 +416,8 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
     """
     model, chains, state = model[0], chains[0], state[0]
     if model.rows.has_several[:5].any():
-        refine_digits(chains, model.rows, state.rows, seen, state.estimate.angles, step)
+        refine_digits(chains, model.rows, state.rows, state.average, seen, state.estimate.angles,
+                      step)
         for joint in range(25):
             if model.rows.has_several[DIGIT_OF_JOINT[joint]]:
                 state.estimate.shift[joint] = 0.

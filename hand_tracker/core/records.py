@@ -6,6 +6,7 @@ import numpy as np
 
 from .filtering.noise_estimate import NoiseEstimate, initial_noise
 from .filtering.tracks import Tracks, initial_tracks
+from .inverse_kinematics.angle_average import AngleAverage, initial_average
 from .inverse_kinematics.angle_filter import AngleFilter, initial_angle_filter
 from .labelling.association import AssociationState, initial_association
 from .labelling.readings import ExpectedMarkers, HandBounds, unknown_markers
@@ -103,6 +104,8 @@ class State(NamedTuple):
         This frame's first joints of the digits, in the wrist's frame [m].
     rows : RowState
         Of the markers of layouts with more than the principal ones.
+    average : AngleAverage
+        Of the angles of digits with several markers.
     fitted : Wrist
         This frame's wrist by all markers of the palm.
     palm_shape : ndarray, shape (3, 3)
@@ -136,6 +139,7 @@ class State(NamedTuple):
     changed: np.ndarray
     roots: np.ndarray
     rows: RowState
+    average: AngleAverage
     fitted: Wrist
     palm_shape: np.ndarray
 
@@ -173,5 +177,5 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
         repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),
         verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
         changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape),
-        rows=initial_rows(relaxed), fitted=wrist_at_origin(),
+        rows=initial_rows(relaxed), average=initial_average(relaxed), fitted=wrist_at_origin(),
         palm_shape=template.copy())

@@ -45,6 +45,13 @@ def initial_noise(count: int, highest: float) -> NoiseEstimate:
 
 
 @jit
+def quantile_steps(step: float) -> tuple[float, float]:
+    """Return the factors of a variance in a frame above the tracked quantile, and in one below."""
+    share = clamp(step / NOISE_TIME, 0., 1.)
+    return math.exp(share * TRACKED_QUANTILE), math.exp(share * (TRACKED_QUANTILE - 1.))
+
+
+@jit
 def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, step: float,
                  highest: float) -> None:
     """Update the noise estimates by a frame.
@@ -61,8 +68,7 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
     highest : float
         Upper limit of the standard deviation [m].
     """
-    share = clamp(step / NOISE_TIME, 0., 1.)
-    rise, fall = math.exp(share * TRACKED_QUANTILE), math.exp(share * (TRACKED_QUANTILE - 1.))
+    rise, fall = quantile_steps(step)
     for i in range(len(seen)):
         if not seen[i] or step <= 0.:
             noise.consecutive[i] = 0

@@ -33,11 +33,11 @@ from ..numerics.vectors import (
     subtract,
     vector,
 )
+from .angle_average import CHAIN_JOINTS, AngleAverage, average_angles
 from .digit import THUMB, Chains
 from .palm_arch import flexed
 from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
-CHAIN_JOINTS = 5
 MOST_STEPS = 12
 SOLVE_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e-7, 1e4
 SETTLED = 1e-6                # [rad²] of the step after which there is none
@@ -502,8 +502,8 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
 
 
 @jit
-def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.ndarray,
-                  angles: np.ndarray, step: float) -> None:
+def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: AngleAverage,
+                  seen: np.ndarray, angles: np.ndarray, step: float) -> None:
     """Solve the remaining digits with several markers, from the angles by their principal one.
 
     Parameters
@@ -512,9 +512,11 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
     rows : MarkerRows
     state : RowState
         Its `angles` and `deviation` are replaced, its skin shifts are updated.
+    average : AngleAverage
+        Of the measured digits; updated.
     seen : ndarray of bool, shape (8,)
     angles : ndarray, shape (25,)
-        By the principal markers, replaced for digits that are solved well by all theirs [rad].
+        By the principal markers; replaced for digits that are solved well by all theirs [rad].
     step : float
         Since the last frame [s].
     """
@@ -533,11 +535,31 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, seen: np.nd
             _write_deviation(chains, rows, state, digit, workspace)
             if state.learns_shift[digit]:
                 _learn_shifts(rows, state, digit, step, workspace)
-        for joint in range(5 * digit, 5 * digit + 5):
-            if is_solved and not (digit < 4 and joint == 5 * digit):
-                angles[joint] = state.angles[joint]
-            else:
+        first = 0 if digit == THUMB else 1
+        is_averaged = is_solved and _is_measured(rows, state, digit)
+        if is_averaged:
+            average_angles(average, digit, (first, CHAIN_JOINTS), workspace.angles,
+                           workspace.factor, step)
+        else:
+            average.consecutive[5 * digit + first] = 0
+        for j in range(CHAIN_JOINTS):
+            joint = 5 * digit + j
+            if not is_solved or j < first:
                 state.angles[joint] = angles[joint]
+            elif is_averaged:
+                angles[joint] = clamp(
+                    average.angles[joint], chains.lower[joint], chains.upper[joint])
+            else:
+                angles[joint] = state.angles[joint]
+
+
+@jit
+def _is_measured(rows: MarkerRows, state: RowState, digit: int) -> bool:
+    """Return whether any marker of a digit is measured."""
+    for row in range(rows.used[0]):
+        if rows.digit[row] == digit and state.is_measured[row]:
+            return True
+    return False
 
 
 @jit

@@ -36,6 +36,7 @@ from ..numerics.vectors import (
     triangle_normal,
     vector,
 )
+from .angle_average import CHAIN_JOINTS, AngleAverage, average_angles
 from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
 POSE_UNKNOWNS, UNKNOWNS = 6, 10       # turn and shift of the wrist; then the four CMC flexions
@@ -51,6 +52,7 @@ LOST_PALM = .03                       # [m] of the markers from the last pose: b
 # little's, little [rad]. Flexion ranges over 11, 7, 20 and 27 degrees, El-shennawy et al. (2001),
 # but those of index and middle hardly move by themselves: skin looks as if they did.
 CMC_SPREADS = (.008, .008, .07, .35)
+ARCH_DEVIATION = .03          # [rad] of a CMC flexion, by a knuckle's marker 2 mm off
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
 LEAST_FREE = 4                        # markers of the palm that determine an arch
@@ -114,9 +116,9 @@ def lay_targets_flat(rows: MarkerRows, state: RowState, angles: np.ndarray) -> N
 
 
 @jit
-def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
-                       angles: np.ndarray, wrist: Wrist, fitted: Wrist, markers: np.ndarray,
-                       seen: np.ndarray, step: float) -> None:
+def fit_principal_palm(rows: MarkerRows, state: RowState, average: AngleAverage,
+                       lower: np.ndarray, upper: np.ndarray, angles: np.ndarray, wrist: Wrist,
+                       fitted: Wrist, markers: np.ndarray, seen: np.ndarray, step: float) -> None:
     """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
     Markers that are no palm by their distances are left as measured, for the check to name it.
@@ -129,6 +131,8 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     rows : MarkerRows
     state : RowState
         Its `arch` is replaced, its skin shifts are updated.
+    average : AngleAverage
+        Of a fitted arch; updated.
     lower, upper : ndarray, shape (25,)
         Joint limits [rad].
     angles : ndarray, shape (25,)
@@ -153,8 +157,10 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     fitted.placed[0] = wrist.placed[0]
     fade_skin_shifts(rows, state, ON_WRIST, step)
     on_a_line = _are_on_a_line(rows, state)
-    count = _solve_palm(
-        rows, state, lower, upper, several and rows.is_cupping[0] > 0 and not on_a_line, fitted)
+    is_free = several and rows.is_cupping[0] > 0 and not on_a_line
+    count = _solve_palm(rows, state, lower, upper, is_free, fitted)
+    if is_free and count >= LEAST_FREE:
+        _average_arch(state, average, step)
     if count == 0:
         return
     if on_a_line:
@@ -165,6 +171,18 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upp
     axes, origin = frame(fitted.rotation), vector(fitted.position)
     for i in range(3):
         store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
+
+
+@jit
+def _average_arch(state: RowState, average: AngleAverage, step: float) -> None:
+    """Average the fitted CMC flexions, each by itself."""
+    solved = local_floats(CHAIN_JOINTS)
+    factor = local_floats((CHAIN_JOINTS, CHAIN_JOINTS))
+    factor[0, 0] = 1. / ARCH_DEVIATION
+    for finger in range(4):
+        solved[0] = state.arch[finger]
+        average_angles(average, finger, (0, 1), solved, factor, step)
+        state.arch[finger] = average.angles[5 * finger]
 
 
 @jit
