@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.jit import jit
+from ..numerics.running_quantile import quantile_steps
 from ..numerics.vectors import clamp
 
 TRACKED_QUANTILE = .25        # of the squared third differences
@@ -45,13 +46,6 @@ def initial_noise(count: int, highest: float) -> NoiseEstimate:
 
 
 @jit
-def quantile_steps(step: float) -> tuple[float, float]:
-    """Return the factors of a variance in a frame above the tracked quantile, and in one below."""
-    share = clamp(step / NOISE_TIME, 0., 1.)
-    return math.exp(share * TRACKED_QUANTILE), math.exp(share * (TRACKED_QUANTILE - 1.))
-
-
-@jit
 def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, step: float,
                  highest: float) -> None:
     """Update the noise estimates by a frame.
@@ -68,7 +62,7 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
     highest : float
         Upper limit of the standard deviation [m].
     """
-    rise, fall = quantile_steps(step)
+    rise, fall = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
     for i in range(len(seen)):
         if not seen[i] or step <= 0.:
             noise.consecutive[i] = 0

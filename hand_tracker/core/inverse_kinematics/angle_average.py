@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..filtering.noise_estimate import THIRD_DIFFERENCE_GAIN, quantile_steps
+from ..filtering.noise_estimate import NOISE_TIME, THIRD_DIFFERENCE_GAIN, TRACKED_QUANTILE
 from ..numerics.jit import jit
+from ..numerics.running_quantile import quantile_steps
 from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import clamp
 from .angle_filter import INNOVATION_TIME, LONGEST_STEP
@@ -88,7 +89,7 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
             state.angles[start + j], state.variance[start + j] = solved[j], 0.
         off[j] = solved[j] - state.angles[start + j]
     shown = 1. - math.exp(-min(step, LONGEST_STEP) / INNOVATION_TIME)
-    rise, fall = quantile_steps(step)
+    rise, fall = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
     forgotten = (step / LONGEST_AVERAGE) ** 2
     for j in range(first, end):
         innovation, difference = 0., 0.
