@@ -22,7 +22,7 @@ from .angle_filter import INNOVATION_TIME, LONGEST_STEP
 
 CHAIN_JOINTS = 5              # of a digit
 SLOWER_NOISE_VARIANCE = 2.    # over that of the noise: there is slower noise, by the palm's pose
-LONGEST_AVERAGE = .3          # [s] of a component that moves within the noise
+LONGEST_AVERAGE = .2          # [s] of a component that moves within the noise
 SINGLE_CHI_SQUARE = .1015     # tracked quantile of a χ² of 1 degree of freedom
 UNKNOWN_NOISE = .3            # [1] of a component before any is learned
 NOISE_RANGE = 1e-3, 1.        # [1] of a component

@@ -3,7 +3,8 @@
 Each marker is weighted by its deviation, and less the farther it is from the digit. A digit of
 which no marker is seen is solved by its predicted principal marker. What the markers leave open is
 decided by the coupling of the last joint, by the flexion natural for the person, and by the last
-frame. Ours.
+frame; where the markers are farther off the digit than they should be, as on bones of another
+length, the first two count for as much more. Ours.
 """
 
 import math
@@ -49,6 +50,7 @@ THUMB_SPREADS = (.6, .6, .09, 1., 1.)
 # Random walk of a joint [rad/√s]: where markers tell next to nothing of the angles they would leap.
 JOINT_RANDOM_WALK = 2.
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
+DIGIT_MISFIT_TIME = .1        # [s] that a digit's misfit is averaged over
 NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
 
 
@@ -357,10 +359,11 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     natural = chains.natural[digit]
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, second, first, natural[0], (1. - share) * natural[1],
-        natural[2] / math.sqrt(natural_weight))
+        natural[2] / math.sqrt(natural_weight * state.misfit[digit]))
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, 4, 3, chains.coupling[digit, 0],
-        (1. - share) * chains.coupling[digit, 1], chains.coupling_spread[digit])
+        (1. - share) * chains.coupling[digit, 1],
+        chains.coupling_spread[digit] / math.sqrt(state.misfit[digit]))
     return cost
 
 
@@ -534,6 +537,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
         if is_solved:
             _write_deviation(chains, rows, state, digit, workspace)
             if state.learns_shift[digit]:
+                _learn_misfit(rows, state, digit, step, workspace)
                 _learn_shifts(rows, state, digit, step, workspace)
         first = 0 if digit == THUMB else 1
         is_averaged = is_solved and _is_measured(rows, state, digit)
@@ -551,6 +555,24 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
                     average.angles[joint], chains.lower[joint], chains.upper[joint])
             else:
                 angles[joint] = state.angles[joint]
+
+
+@jit
+def _learn_misfit(rows: MarkerRows, state: RowState, digit: int, step: float,
+                  workspace: DigitWorkspace) -> None:
+    """Average by how many of their variances the markers are off, placed by `_write_deviation`."""
+    total, count = 0., 0
+    for row in range(rows.used[0]):
+        if rows.digit[row] == digit and state.is_measured[row]:
+            place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
+            miss = subtract(vector(state.local[row]), place)
+            total += dot(miss, miss) / rows.variance[row]
+            count += 1
+    if count > 1:
+        # Of three coordinates a marker, less the joints that are fitted to them.
+        found = clamp(total / (3 * count - 4), 1., FAR_OFF)
+        share = 1. - math.exp(-step / DIGIT_MISFIT_TIME)
+        state.misfit[digit] += share * (found - state.misfit[digit])
 
 
 @jit
@@ -593,4 +615,4 @@ def _write_deviation(chains: Chains, rows: MarkerRows, state: RowState, digit: i
         one[:] = 0.
         one[j] = 1.
         solve_factorised(workspace.factor, one, CHAIN_JOINTS, column)
-        state.deviation[5 * digit + j] = math.sqrt(column[j])
+        state.deviation[5 * digit + j] = math.sqrt(state.misfit[digit] * column[j])

@@ -190,6 +190,9 @@ class RowState(NamedTuple):
         The same when a marker of the digit, or of the palm, last vanished [m, rad].
     skin_shift_share : ndarray, shape (6,)
         Share of these that the fit of each digit takes into account, the last of the palm [1].
+    misfit : ndarray, shape (5,)
+        Mean square of the distances of each digit's markers from it over their variances, 1 where
+        it is less [1].
     """
 
     points: np.ndarray
@@ -211,6 +214,7 @@ class RowState(NamedTuple):
     skin_shift: np.ndarray
     skin_shift_angles: np.ndarray
     skin_shift_share: np.ndarray
+    misfit: np.ndarray
 
 
 def initial_rows(relaxed: np.ndarray) -> RowState:
@@ -224,4 +228,4 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
                     np.zeros(len(DIGITS) + 1, dtype=bool),
                     np.zeros((ROW_CAPACITY, 3)), relaxed.copy(), np.zeros((ROW_CAPACITY, 3)),
-                    relaxed.copy(), np.zeros(len(DIGITS) + 1))
+                    relaxed.copy(), np.zeros(len(DIGITS) + 1), np.ones(len(DIGITS)))
