@@ -16,6 +16,7 @@ from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.angle_filter import filter_angles
 from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
 from .inverse_kinematics.digit_angles import (
+    INFERRED_DEVIATION,
     infer_principal_markers,
     lay_digits_flat,
     refine_digits,
@@ -293,10 +294,13 @@ def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack
         Since the last frame [s].
     """
     model, options, state = model[0], options[0], state[0]
+    has_several = model.rows.has_several
     # Doubtful labels must not enter the statistics.
     learning = palm_tracked and state.association.doubted_for[0] == 0.
     for i in range(5):
-        state.digit_noise[i] = noise_in_palm_frame(
+        # Where its other markers place it, little is known of the principal one.
+        is_inferred = seen[3 + i] and has_several[i] and not state.rows.is_measured[3 + i]
+        state.digit_noise[i] = INFERRED_DEVIATION if is_inferred else noise_in_palm_frame(
             state.noise.deviation[3 + i], state.palm.covariance, model.levers[i])
     track_digits(Observation(markers[3:], seen[3:], state.digit_noise), step, state.digits,
                  state.wrist, state.transdigital, model.prior, state.pushes, options.prediction,
