@@ -193,6 +193,8 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
                   options.frozen_frames)
     if model.rows.is_needed[0]:
         measure_rows(model.rows, state.rows, markers, seen, step)
+        if not options.angle_filter:
+            state.average.consecutive[:] = 0
         fit_principal_palm(model.rows, state.rows, state.average, chains.lower, chains.upper,
                            state.separated, state.wrist, state.fitted, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]

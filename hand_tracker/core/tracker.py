@@ -164,6 +164,7 @@ class HandTracker:
             # What was seen of the skin was seen from other places.
             self._state.palm_shape[:] = self._template
             self._state.rows.skin_shift[:] = self._state.rows.skin_shift_share[:] = 0.
+            self._state.rows.misfit[:] = 1.
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):

@@ -459,3 +459,22 @@ def test_real_markers_of_a_preset_are_tracked_with_the_mean_hand(task):
         assert (state.marker_states == MarkerState.SEEN).all()
         residuals.append(np.nanmean(state.residuals))
     assert np.mean(residuals) < .007
+
+
+@pytest.mark.parametrize('name', ['optitrack_hand', 'sig18_19'])
+def test_markers_that_drop_out_for_a_frame_are_believed_when_they_come_back(name):
+    layout = preset_layout(name)
+    pose = motion_named('spelling', HAND, 3, 6.)
+    time = np.arange(360) / RATE
+    angles, rotation, position = pose.sample(time + 2.)
+    frames = marker_positions(
+        layout.mounting(HAND), forward(joint_table(HAND), angles, rotation, position),
+        rotation, position)
+    random = np.random.default_rng(7)
+    frames += random.normal(scale=2e-4, size=frames.shape)
+    missing = random.random(frames.shape[:2]) < .1
+    frames[missing] = np.nan
+    states = tracked(HandTracker(HAND, layout), frames)
+    refused = np.array([state.marker_states for state in states]) == MarkerState.REJECTED
+    # Nine of a thousand were refused where an inferred marker counted as a measured one.
+    assert (refused & ~missing).mean() < .001

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.jit import jit
-from ..numerics.running_quantile import quantile_steps
+from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.vectors import clamp
 
 TRACKED_QUANTILE = .25        # of the squared third differences
@@ -62,7 +62,7 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
     highest : float
         Upper limit of the standard deviation [m].
     """
-    rise, fall = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
+    steps = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
     for i in range(len(seen)):
         if not seen[i] or step <= 0.:
             noise.consecutive[i] = 0
@@ -73,9 +73,9 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
             for k in range(3):
                 third = markers[i, k] - 3. * past[0, k] + 3. * past[1, k] - past[2, k]
                 square += third * third
-            variance = noise.deviation[i] ** 2
-            above = square > CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN * variance
-            variance *= rise if above else fall
+            variance = follow_quantile(
+                noise.deviation[i] ** 2, square / (CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN),
+                steps)
             noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, highest)
         noise.consecutive[i] = min(noise.consecutive[i] + 1, 3)
         for k in range(3):

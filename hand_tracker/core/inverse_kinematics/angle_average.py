@@ -1,11 +1,12 @@
-"""Average of the angles of digits with several markers, and of the palm's arch, within the noise.
+"""Averages of the angles of digits with several markers, and of the palm's arch.
 
-Each frame's markers tell these angles anew, noise and all. Alone an angle is often known ten times
-worse than what several do together, which a finger that moves shows at once. So components are
-averaged that are independent of each other, by Cholesky's factor of the normal equations: the
-first is what the markers move by as the first joint turns, the next what the second adds to it.
-Each has a Kalman filter of one state, a random walk whose process noise follows the innovation
-beyond the noise. That is learned from third differences, as the noise of markers. Ours; no source.
+Each frame's markers tell these angles anew, with their noise. An angle alone may be known ten times
+worse than what several do together; but a finger that moves shows at once in what they do together.
+So independent components are averaged, by Cholesky's factor of the normal equations: the first is
+all that moves the markers as the first joint does, the next what the second joint adds across
+that, and so on. Each has a Kalman filter of one state, a random walk whose process noise follows
+the innovation beyond the noise. The noise is learned from third differences, as that of markers.
+Ours; no source.
 """
 
 import math
@@ -15,14 +16,16 @@ import numpy as np
 
 from ..filtering.noise_estimate import NOISE_TIME, THIRD_DIFFERENCE_GAIN, TRACKED_QUANTILE
 from ..numerics.jit import jit
-from ..numerics.running_quantile import quantile_steps
+from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import clamp
-from .angle_filter import INNOVATION_TIME, LONGEST_STEP
+from .angle_filter import INNOVATION_TIME
+from .digit import CHAIN_JOINTS
 
-CHAIN_JOINTS = 5              # of a digit
-SLOWER_NOISE_VARIANCE = 2.    # over that of the noise: there is slower noise, by the palm's pose
-LONGEST_AVERAGE = .2          # [s] of a component that moves within the noise
+# Variance of a component's noise over the learned one [1]: third differences miss slow noise, such
+# as that of the palm's pose.
+SLOWER_NOISE_VARIANCE = 2.
+AVERAGING_TIME = .2           # [s] of a component that moves within the noise, at most
 SINGLE_CHI_SQUARE = .1015     # tracked quantile of a χ² of 1 degree of freedom
 UNKNOWN_NOISE = .3            # [1] of a component before any is learned
 NOISE_RANGE = 1e-3, 1.        # [1] of a component
@@ -31,16 +34,19 @@ NOISE_RANGE = 1e-3, 1.        # [1] of a component
 class AngleAverage(NamedTuple):
     """Averaged angles, and the filters of their components.
 
+    A joint 0 of a finger is the palm's arch, by itself; the joints after it are the digit's.
+
     Attributes
     ----------
     angles : ndarray, shape (25,)
         [rad]
     variance, noise_variance : ndarray, shape (25,)
-        Of each joint's component, and of its noise, over that of the fit [1].
+        Of each joint's component and of its noise, that of the fit being 1 [1].
     past : ndarray, shape (25, 3)
-        Last three solved angles, newest first [rad].
+        Last three fitted angles, newest first [rad].
     consecutive : ndarray of int, shape (25,)
-        How many of them, at most 3, are of consecutive frames.
+        How many of them, at most 3, are of consecutive frames; 0 begins an average anew. Of a
+        chain, its first joint's counts.
     """
 
     angles: np.ndarray
@@ -60,13 +66,14 @@ def initial_average(angles: np.ndarray) -> AngleAverage:
 @jit
 def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], solved: np.ndarray,
                    factor: np.ndarray, step: float) -> None:
-    """Average angles along a digit's chain.
+    """Average fitted angles along a digit's chain, or one of the arch.
 
     Parameters
     ----------
     state : AngleAverage
         Updated.
     digit : int
+        Or the finger of the arch's angle.
     joints : tuple of int
         The first of its chain, and the one behind the last.
     solved : ndarray, shape (5,)
@@ -74,36 +81,41 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
     factor : ndarray, shape (5, 5)
         Cholesky's, of the normal equations, in its lower triangle [1/rad].
     step : float
-        Since the last frame [s].
+        Since the last frame; a frame of the same time moves the average, but tells no noise [s].
     """
     first, end = joints
     start = 5 * digit
     off, third = local_floats(CHAIN_JOINTS), local_floats(CHAIN_JOINTS)
     known = state.consecutive[start + first]
     for j in range(first, end):
-        past = state.past[start + j]
-        third[j] = solved[j] - 3. * past[0] + 3. * past[1] - past[2]
-        past[2], past[1], past[0] = past[1], past[0], solved[j]
-        state.consecutive[start + j] = min(known + 1, 3) if step > 0. else 0
         if known == 0:
-            state.angles[start + j], state.variance[start + j] = solved[j], 0.
+            state.angles[start + j] = solved[j]
         off[j] = solved[j] - state.angles[start + j]
-    shown = 1. - math.exp(-min(step, LONGEST_STEP) / INNOVATION_TIME)
-    rise, fall = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
-    forgotten = (step / LONGEST_AVERAGE) ** 2
+        if known == 0 or step > 0.:
+            past = state.past[start + j]
+            third[j] = solved[j] - 3. * past[0] + 3. * past[1] - past[2]
+            past[2], past[1], past[0] = past[1], past[0], solved[j]
+            state.consecutive[start + j] = min(known + 1, 3)
+    shown = 1. - math.exp(-step / INNOVATION_TIME) if step > 0. else 1.
+    steps = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
+    forgotten = (step / AVERAGING_TIME) ** 2
     for j in range(first, end):
         innovation, difference = 0., 0.
         for k in range(j, end):
             innovation += factor[k, j] * off[k]
             difference += factor[k, j] * third[k]
         noise = state.noise_variance[start + j]
-        if known == 3 and step > 0.:
-            above = difference * difference > SINGLE_CHI_SQUARE * THIRD_DIFFERENCE_GAIN * noise
-            noise = clamp(noise * (rise if above else fall), NOISE_RANGE[0] ** 2,
-                          NOISE_RANGE[1] ** 2)
+        if known == 3:
+            noise = clamp(
+                follow_quantile(noise, difference * difference
+                                / (SINGLE_CHI_SQUARE * THIRD_DIFFERENCE_GAIN), steps),
+                NOISE_RANGE[0] ** 2, NOISE_RANGE[1] ** 2)
             state.noise_variance[start + j] = noise
         moved = shown * max(abs(innovation) - math.sqrt(noise), 0.)
         noise *= SLOWER_NOISE_VARIANCE
+        if known == 0:
+            state.variance[start + j] = noise
+            continue
         variance = state.variance[start + j] + moved * moved + forgotten * noise
         gain = variance / (variance + noise)
         state.variance[start + j] = variance * (1. - gain)

@@ -32,6 +32,7 @@ from .flexion import (
 )
 
 OUT_OF_PLANE_ROUNDS = 5  # solutions of a digit that leaves its plane, each nearer than the last
+CHAIN_JOINTS = 5  # of a digit, the first of a finger its CMC flexion
 THUMB = 4         # among the digits
 MEASURED_SPREAD = .01    # [rad] of a last joint that a sensor measures
 THUMB_MCP_ABDUCTION_JOINT = JOINTS.index('thumb_mcp_abduction')

@@ -34,8 +34,8 @@ from ..numerics.vectors import (
     subtract,
     vector,
 )
-from .angle_average import CHAIN_JOINTS, AngleAverage, average_angles
-from .digit import THUMB, Chains
+from .angle_average import AngleAverage, average_angles
+from .digit import CHAIN_JOINTS, THUMB, Chains
 from .palm_arch import flexed
 from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
@@ -50,6 +50,7 @@ THUMB_SPREADS = (.6, .6, .09, 1., 1.)
 # Random walk of a joint [rad/√s]: where markers tell next to nothing of the angles they would leap.
 JOINT_RANDOM_WALK = 2.
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
+LARGEST_MISFIT = 25.          # [1] that is learned, as of five deviations too
 DIGIT_MISFIT_TIME = .1        # [s] that a digit's misfit is averaged over
 INFERRED_DEVIATION = .005     # [m] of a principal marker that the digit's others place
 NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
@@ -226,8 +227,7 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
             fitted += 1
     if fitted == 0:
         return 0, 0.
-    # The thumb's joints are all free; the palm's arch is solved already.
-    first = 0 if digit == THUMB else 1
+    first = _first_joint(digit)
     angles, tried = workspace.angles, workspace.tried
     for j in range(CHAIN_JOINTS):
         angles[j] = clamp(state.angles[5 * digit + j], chains.lower[5 * digit + j],
@@ -274,6 +274,12 @@ def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit
     for j in range(first, CHAIN_JOINTS):
         state.angles[5 * digit + j] = angles[j]
     return fitted, cost / fitted
+
+
+@jit
+def _first_joint(digit: int) -> int:
+    """Return the first joint that is fitted: all of the thumb; the palm's arch is solved before."""
+    return 0 if digit == THUMB else 1
 
 
 @jit
@@ -337,6 +343,7 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     angles with the markers' shifts, by the share of these.
     """
     matrix, gradient = workspace.matrix, workspace.gradient
+    misfit = max(state.misfit[digit], 1.)
     share, off_shift = state.skin_shift_share[digit], workspace.off_shift
     for j in range(CHAIN_JOINTS):
         off_shift[j] = angles[j] - share * state.skin_shift_angles[5 * digit + j]
@@ -360,11 +367,11 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     natural = chains.natural[digit]
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, second, first, natural[0], (1. - share) * natural[1],
-        natural[2] / math.sqrt(natural_weight * state.misfit[digit]))
+        natural[2] / math.sqrt(natural_weight * misfit))
     cost += _add_coupling_prior(
         matrix, gradient, off_shift, 4, 3, chains.coupling[digit, 0],
         (1. - share) * chains.coupling[digit, 1],
-        chains.coupling_spread[digit] / math.sqrt(state.misfit[digit]))
+        chains.coupling_spread[digit] / math.sqrt(misfit))
     return cost
 
 
@@ -515,7 +522,7 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
     chains : Chains
     rows : MarkerRows
     state : RowState
-        Its `angles` and `deviation` are replaced, its skin shifts are updated.
+        Its `angles` and `deviation` are replaced, its misfits and skin shifts are updated.
     average : AngleAverage
         Of the measured digits; updated.
     seen : ndarray of bool, shape (8,)
@@ -526,7 +533,8 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
     """
     workspace = local_digit_workspace()
     for digit in range(5):
-        is_solved = False
+        first = _first_joint(digit)
+        is_solved, is_averaged = False, False
         if rows.has_several[digit] and seen[3 + digit]:
             # One whose principal marker is hidden was solved before.
             is_solved = state.is_solved[digit] or not state.is_measured[3 + digit]
@@ -536,12 +544,10 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
                 is_solved = fitted > 1 or cost < FAR_OFF
         state.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
-            _write_deviation(chains, rows, state, digit, workspace)
+            is_averaged = _write_deviation(chains, rows, state, digit, workspace) and _is_measured(
+                rows, state, digit)
             if state.learns_shift[digit]:
-                _learn_misfit(rows, state, digit, step, workspace)
                 _learn_shifts(rows, state, digit, step, workspace)
-        first = 0 if digit == THUMB else 1
-        is_averaged = is_solved and _is_measured(rows, state, digit)
         if is_averaged:
             average_angles(average, digit, (first, CHAIN_JOINTS), workspace.angles,
                            workspace.factor, step)
@@ -552,28 +558,11 @@ def refine_digits(chains: Chains, rows: MarkerRows, state: RowState, average: An
             if not is_solved or j < first:
                 state.angles[joint] = angles[joint]
             elif is_averaged:
-                angles[joint] = clamp(
+                average.angles[joint] = clamp(
                     average.angles[joint], chains.lower[joint], chains.upper[joint])
+                angles[joint] = average.angles[joint]
             else:
                 angles[joint] = state.angles[joint]
-
-
-@jit
-def _learn_misfit(rows: MarkerRows, state: RowState, digit: int, step: float,
-                  workspace: DigitWorkspace) -> None:
-    """Average by how many of their variances the markers are off, placed by `_write_deviation`."""
-    total, count = 0., 0
-    for row in range(rows.used[0]):
-        if rows.digit[row] == digit and state.is_measured[row]:
-            place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
-            miss = subtract(vector(state.local[row]), place)
-            total += dot(miss, miss) / rows.variance[row]
-            count += 1
-    if count > 1:
-        # Of three coordinates a marker, less the joints that are fitted to them.
-        found = clamp(total / (3 * count - 4), 1., FAR_OFF)
-        share = 1. - math.exp(-step / DIGIT_MISFIT_TIME)
-        state.misfit[digit] += share * (found - state.misfit[digit])
 
 
 @jit
@@ -588,32 +577,49 @@ def _is_measured(rows: MarkerRows, state: RowState, digit: int) -> bool:
 @jit
 def _learn_shifts(rows: MarkerRows, state: RowState, digit: int, step: float,
                   workspace: DigitWorkspace) -> None:
-    """Average the shifts of a digit's measured markers, as placed by `_write_deviation`."""
+    """Average a digit's misfit and its markers' shifts, placed by `_write_deviation`."""
+    total, count = 0., 0
     for row in range(rows.used[0]):
         if rows.digit[row] == digit and state.is_measured[row]:
             place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
+            miss = subtract(vector(state.local[row]), place)
+            square = dot(miss, miss)
+            total += square / (rows.variance[row] * (1. + square / (OUTLIER * OUTLIER)))
+            count += 1
             learn_skin_shift(rows, state, row, components(
-                _axes_of_link(workspace, rows.link[row]),
-                subtract(vector(state.local[row]), place)), step)
-    for j in range(0 if digit == THUMB else 1, CHAIN_JOINTS):
+                _axes_of_link(workspace, rows.link[row]), miss), step)
+    # One marker is met, whatever the bones: what several told of them stays.
+    if count > 1:
+        # The thumb's MCP abduction, its fifth joint, hardly moves.
+        freedom = 3 * count - 4
+        share = 1. - math.exp(-step / DIGIT_MISFIT_TIME)
+        state.misfit[digit] += share * (
+            min(total / freedom, LARGEST_MISFIT) - state.misfit[digit])
+    for j in range(_first_joint(digit), CHAIN_JOINTS):
         learn_shift_angle(state, 5 * digit + j, workspace.angles[j], step)
 
 
 @jit
 def _write_deviation(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                     workspace: DigitWorkspace) -> None:
-    """Write the standard deviations of a digit's solved angles by all its markers."""
+                     workspace: DigitWorkspace) -> bool:
+    """Write the standard deviations of a digit's solved angles by all its markers.
+
+    The factor of the normal equations is left in the workspace; returns whether there is one.
+    """
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
     _equations(chains, rows, state, digit, workspace.angles, 0., workspace)
     matrix, one, column = workspace.matrix, workspace.gradient, workspace.step
-    first = 0 if digit == THUMB else 1
+    first = _first_joint(digit)
     for j in range(first):
         fix_unknown(matrix, one, j, CHAIN_JOINTS)
     if not factorise(matrix, CHAIN_JOINTS, 0., workspace.factor):
-        return
+        return False
+    spreads = THUMB_SPREADS if digit == THUMB else FINGER_SPREADS
+    misfit = max(state.misfit[digit], 1.)
     for j in range(first, CHAIN_JOINTS):
         one[:] = 0.
         one[j] = 1.
         solve_factorised(workspace.factor, one, CHAIN_JOINTS, column)
-        state.deviation[5 * digit + j] = math.sqrt(state.misfit[digit] * column[j])
+        state.deviation[5 * digit + j] = min(math.sqrt(misfit * column[j]), spreads[j])
+    return True

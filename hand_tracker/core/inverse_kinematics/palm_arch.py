@@ -36,7 +36,8 @@ from ..numerics.vectors import (
     triangle_normal,
     vector,
 )
-from .angle_average import CHAIN_JOINTS, AngleAverage, average_angles
+from .angle_average import AngleAverage, average_angles
+from .digit import CHAIN_JOINTS
 from .skin_shift import expected_shift, fade_skin_shifts, learn_shift_angle, learn_skin_shift
 
 POSE_UNKNOWNS, UNKNOWNS = 6, 10       # turn and shift of the wrist; then the four CMC flexions
@@ -52,9 +53,9 @@ LOST_PALM = .03                       # [m] of the markers from the last pose: b
 # little's, little [rad]. Flexion ranges over 11, 7, 20 and 27 degrees, El-shennawy et al. (2001),
 # but those of index and middle hardly move by themselves: skin looks as if they did.
 CMC_SPREADS = (.008, .008, .07, .35)
-ARCH_DEVIATION = .03          # [rad] of a CMC flexion, by a knuckle's marker 2 mm off
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
+ARCH_DEVIATION = .03                  # [rad] of a CMC flexion, which moves its knuckle by 2 mm
 LEAST_FREE = 4                        # markers of the palm that determine an arch
 # [m] Palm markers that are no farther from a line leave the turn about it open: so are those on the
 # skin of the knuckles, Kyutech's 6 to 7 mm off it; joint centres are 10 to 11. Ours.
@@ -132,7 +133,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, average: AngleAverage,
     state : RowState
         Its `arch` is replaced, its skin shifts are updated.
     average : AngleAverage
-        Of a fitted arch; updated.
+        Of the CMC flexions, where they are fitted; updated.
     lower, upper : ndarray, shape (25,)
         Joint limits [rad].
     angles : ndarray, shape (25,)
@@ -150,6 +151,7 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, average: AngleAverage,
     """
     several = rows.has_several[5] > 0
     if not (several or rows.is_cupping[0]) or _is_no_palm(rows, state):
+        _interrupt_arch(average)
         return
     if rows.is_cupping[0] and not several:
         synergy(rows.synergy, angles, lower, upper, state.arch)
@@ -161,6 +163,8 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, average: AngleAverage,
     count = _solve_palm(rows, state, lower, upper, is_free, fitted)
     if is_free and count >= LEAST_FREE:
         _average_arch(state, average, step)
+    else:
+        _interrupt_arch(average)
     if count == 0:
         return
     if on_a_line:
@@ -171,6 +175,13 @@ def fit_principal_palm(rows: MarkerRows, state: RowState, average: AngleAverage,
     axes, origin = frame(fitted.rotation), vector(fitted.position)
     for i in range(3):
         store(markers, i, add(origin, rotate(axes, _flat_place(rows, i))))
+
+
+@jit
+def _interrupt_arch(average: AngleAverage) -> None:
+    """Keep the average of the arch over a gap, in which its noise is not learned."""
+    for finger in range(4):
+        average.consecutive[5 * finger] = min(average.consecutive[5 * finger], 1)
 
 
 @jit

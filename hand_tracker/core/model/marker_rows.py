@@ -191,8 +191,8 @@ class RowState(NamedTuple):
     skin_shift_share : ndarray, shape (6,)
         Share of these that the fit of each digit takes into account, the last of the palm [1].
     misfit : ndarray, shape (5,)
-        Mean square of the distances of each digit's markers from it over their variances, 1 where
-        it is less [1].
+        Of each digit, square of its markers' distances from it over their variances, for each
+        degree of freedom, averaged while its skin shifts are learned [1].
     """
 
     points: np.ndarray

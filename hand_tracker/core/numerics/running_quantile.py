@@ -1,25 +1,33 @@
-"""A quantile of a sequence, followed by small steps: up where a value is above it, else down."""
+"""Running quantile of a positive quantity: raised by a little where a value is above, else lowered.
+"""
 
 import math
 
 from .jit import jit
+from .vectors import clamp
 
 
 @jit
 def quantile_steps(share: float, quantile: float) -> tuple[float, float]:
-    """Return the factors of a positive estimate for a value above it, and for one below.
+    """Return the factors of the estimate after a value above it, and after one below.
 
     Parameters
     ----------
     share : float
-        Time since the last value over the time constant; at most 1 counts [1].
+        Time since the last value over the time constant, from 0 to 1 [1].
     quantile : float
-        That is followed [1].
+        Share of the values that are below it [1].
 
     Returns
     -------
     rise, fall : float
         [1]
     """
-    share = min(max(share, 0.), 1.)
+    share = clamp(share, 0., 1.)
     return math.exp(share * quantile), math.exp(share * (quantile - 1.))
+
+
+@jit
+def follow_quantile(estimate: float, value: float, steps: tuple[float, float]) -> float:
+    """Return the estimate after a value, by `quantile_steps`."""
+    return estimate * steps[0 if value > estimate else 1]

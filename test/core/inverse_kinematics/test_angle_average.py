@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker import Hand, HandTracker
+from hand_tracker import Hand, HandTracker, TrackerOptions
 from hand_tracker.core.inverse_kinematics.angle_average import average_angles, initial_average
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
@@ -14,13 +14,13 @@ NOISE = 3e-4        # [m]
 MEASURED = [2, 3, 4, 7, 8, 9, 12, 13, 14, 17, 18, 19]
 
 
-def tracked(hand, layout, angles):
+def tracked(hand, layout, angles, options=None):
     """Return the angles by markers with noise, at angles (n, 25) over time [rad]."""
     still = np.eye(3), np.zeros(3)
     pose = forward(joint_table(hand), angles)
     markers = marker_positions(layout.mounting(hand), pose, *still)
     markers = markers + np.random.default_rng(5).normal(scale=NOISE, size=markers.shape)
-    tracker = HandTracker(hand, layout)
+    tracker = HandTracker(hand, layout, options or TrackerOptions())
     return np.array([tracker.update(frame, i / RATE).angles for i, frame in enumerate(markers)])
 
 
@@ -70,22 +70,87 @@ def test_what_joints_do_together_is_followed_though_each_is_uncertain():
     np.testing.assert_allclose(found[after].sum(axis=1), .1, atol=.01)
 
 
-def test_averaging_begins_anew_after_a_gap():
+@pytest.mark.parametrize('rate', [120., 480.])
+def test_noise_is_learned_and_averaged(rate):
+    noise = np.random.default_rng(2).normal(scale=1e-3, size=(int(4 * rate), 5))
     factor = 100. * np.eye(5)
     state = initial_average(np.zeros(25))
-    for number in range(20):
-        average_angles(state, 2, (0, 5), np.full(5, .3 + 1e-3 * (number % 2)), factor, .01)
-    state.consecutive[10:15] = 0
-    average_angles(state, 2, (0, 5), np.full(5, .3007), factor, .01)
-    assert (state.angles[10:15] == .3007).all()
-    assert (state.angles[:10] == 0.).all()
+    found = []
+    for angles in noise:
+        average_angles(state, 0, (0, 5), angles.copy(), factor, 1. / rate)
+        found.append(state.angles[:5].copy())
+    np.testing.assert_allclose(np.sqrt(state.noise_variance[:5]), .1, rtol=.35)
+    assert np.array(found)[int(2 * rate):].std() < .4e-3
 
 
-def test_frames_of_one_time_do_not_learn_noise():
+def test_a_drift_within_the_noise_is_followed():
+    time = np.arange(1200) / RATE
+    noise = np.random.default_rng(4).normal(scale=1e-3, size=(1200, 5))
+    drift = 1e-3 * np.sin(.5 * np.pi * time)[:, None] * np.ones(5)
+    found = averaged(noise + drift, 100. * np.eye(5))
+    assert np.sqrt(((found - drift)[360:] ** 2).mean()) < .5e-3
+
+
+def test_a_frame_of_the_same_time_neither_tells_noise_nor_begins_anew():
+    noise = np.random.default_rng(6).normal(scale=1e-3, size=(240, 5))
     factor = 100. * np.eye(5)
     state = initial_average(np.zeros(25))
-    before = state.noise_variance.copy()
-    for number in range(9):
-        average_angles(state, 0, (0, 5), np.full(5, 1e-2 * (number % 2)), factor, 0.)
-    assert (state.noise_variance == before).all()
-    assert (state.angles[:5] == 0.).all()
+    for angles in noise:
+        average_angles(state, 0, (0, 5), angles.copy(), factor, 1. / RATE)
+    before, learned = state.angles[:5].copy(), state.noise_variance.copy()
+    for sign in (1., -1., 1.):
+        average_angles(state, 0, (0, 5), np.full(5, sign * 1e-3), factor, 0.)
+    assert (state.noise_variance == learned).all()
+    assert np.abs(state.angles[:5] - before).max() < .4e-3
+    # What moves beyond the noise does so at the same time, too.
+    average_angles(state, 0, (0, 5), np.full(5, .1), factor, 0.)
+    np.testing.assert_allclose(state.angles[:5], .1, atol=.01)
+
+
+@pytest.mark.parametrize('hidden', ['digit', 'hand'])
+def test_averages_begin_anew_after_a_gap(hidden):
+    hand, layout = Hand.scaled(.19, .088), preset_layout('sig18_19')
+    pose = forward(joint_table(hand), hand.relaxed())
+    markers = marker_positions(layout.mounting(hand), pose, np.eye(3), np.zeros(3))
+    tracker = HandTracker(hand, layout)
+    gone = [hidden == 'hand' or place.startswith('index_') and place != 'index_mcp'
+            for place in layout.places]
+    for number in range(60):
+        frame = markers.copy()
+        if number >= 40:
+            frame[gone] = np.nan
+        tracker.update(frame, number / RATE)
+    consecutive = tracker._state.average.consecutive
+    assert consecutive[1] == 0
+    # The arch is kept, but no noise is learned across the gap.
+    assert (consecutive[[0, 5, 10, 15]] == (1 if hidden == 'hand' else 3)).all()
+    assert (consecutive[[6, 11, 16, 20]] == (0 if hidden == 'hand' else 3)).all()
+
+
+def test_without_the_angle_filter_each_frame_counts_alone():
+    hand, layout = Hand.scaled(.19, .088), preset_layout('sig18_19')
+    angles = np.tile(hand.relaxed(), (240, 1))
+    steps = [np.diff(tracked(hand, layout, angles, TrackerOptions(angle_filter=on)), axis=0)
+             for on in (True, False)]
+    filtered, alone = (np.sqrt((step[120:, MEASURED] ** 2).mean()) for step in steps)
+    assert filtered < .6 * alone
+
+
+def test_the_misfit_of_bones_goes_with_them():
+    long, layout = Hand.scaled(.209, .0968), preset_layout('sig18_19')
+    hand = Hand.scaled(.19, .088)
+    bent = hand.relaxed()
+    bent[[2, 3, 7, 8]], bent[[4, 9]] = .6, .4
+    pose = forward(joint_table(hand), bent)
+    markers = marker_positions(layout.mounting(hand), pose, np.eye(3), np.zeros(3))
+    tracker = HandTracker(long, layout)
+    for number in range(120):
+        tracker.update(markers, number / RATE)
+    assert tracker._state.rows.misfit[0] > 2.
+    tracker.configure(hand=hand)
+    assert (tracker._state.rows.misfit == 1.).all()
+    fresh = HandTracker(hand, layout)
+    for number in range(120, 240):
+        state, other = (one.update(markers, number / RATE) for one in (tracker, fresh))
+    assert tracker._state.rows.misfit.max() < 1.
+    np.testing.assert_allclose(state.angles, other.angles, atol=np.radians(.2))
