@@ -57,8 +57,8 @@ class TrackerOptions:
     smoothing: bool = switch(
         True, 'Smooth the positions of seen markers by their filters')
     angle_filter: bool = switch(
-        True, 'Filter abduction and flexion of seen digits too, as smoothing is on: quiet where '
-        'their markers constrain them little')
+        True, 'Filter the angles of seen digits too, as smoothing is on: quiet within the noise '
+        'of their markers')
     marker_noise: float = number_option(
         5e-4, 1e-5, 1e-2, 'm', 'Upper bound of the marker noise, which is estimated: standard '
         'deviation on each axis')

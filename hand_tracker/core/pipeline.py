@@ -122,7 +122,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
             refine_multi_marker_digits(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         turn = options[0].reentry_rate * step if state[0].wrist.placed[0] else math.inf
-        blend_angles(chains, options, state, seen, step)
+        blend_angles(model, chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step, turn)
     # 5 Pose: forward kinematics, states of the markers, deviations.
     write_report(model, chains, options, state, markers, seen, fault if fault else palm,
@@ -430,21 +430,22 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
 
 
 @jit
-def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
-                 seen: np.ndarray, step: float) -> None:
+def blend_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                 state: Pack[State], seen: np.ndarray, step: float) -> None:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
     In the first frame with a palm they are taken as they are; the wrist is placed from then on.
 
     Parameters
     ----------
-    chains, options, state : packs
+    model, chains, options, state : packs
         As for `track_frame`; the state is changed.
     seen : ndarray of bool, shape (8,)
         Whether each principal marker is measured.
     step : float
         Since the last frame [s].
     """
+    has_several = model[0].rows.has_several
     chains, options, state = chains[0], options[0], state[0]
     if not state.wrist.placed[0]:
         state.wrist.placed[0] = True
@@ -452,11 +453,12 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         for joint in range(25):
             state.blended[joint] = state.estimate.angles[joint]
     palm_is_seen = seen[:3].all()
-    predicted = local_flags(5)
+    predicted, unmeasured = local_flags(5), local_flags(5)
     for i in range(5):
         predicted[i] = not (palm_is_seen and seen[3 + i])
+        unmeasured[i] = predicted[i] or has_several[i] and not state.rows.is_measured[3 + i]
     blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
-          options.reentry_rate, chains.lower, chains.upper, state.pace)
+          options.reentry_rate, chains.lower, chains.upper, state.pace, unmeasured)
 
 
 @jit

@@ -3,8 +3,8 @@
 Each marker is weighted by its deviation, and less the farther it is from the digit. A digit of
 which no marker is seen is solved by its predicted principal marker. What the markers leave open is
 decided by the coupling of the last joint, by the flexion natural for the person, and by the last
-frame; where the markers are farther off the digit than they should be, as on bones of another
-length, the first two count for as much more. Ours.
+frame. Where markers are farther off the digit than their deviations, as on bones of another length,
+coupling and natural flexion count for as much more. Ours.
 """
 
 import math

@@ -1,5 +1,4 @@
-"""Running quantile of a positive quantity: raised by a little where a value is above, else lowered.
-"""
+"""Running quantile of positive values: an estimate, raised by each value above it, else lowered."""
 
 import math
 

@@ -29,7 +29,7 @@ class Pace(NamedTuple):
     Attributes
     ----------
     velocity : ndarray, shape (25,)
-        Between the last two frames with all markers of a digit and of the palm; fades since
+        Between the last two frames with a digit's principal marker and the palm; fades since
         [rad/s].
     measured : ndarray, shape (25,)
         Angles of the last such frame [rad].
@@ -50,7 +50,8 @@ def no_pace() -> Pace:
 @jit
 def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: np.ndarray,
           predicted: np.ndarray, step: float, rate: float, lower: np.ndarray,
-          upper: np.ndarray, pace: Pace | None = None) -> None:
+          upper: np.ndarray, pace: Pace | None = None,
+          unmeasured: np.ndarray | None = None) -> None:
     """Blend solved angles so that none jumps when a marker is lost or found.
 
     Parameters
@@ -73,8 +74,12 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
         Limits [rad].
     pace : Pace, optional
         Velocity with which changed and predicted digits go on; updated.
+    unmeasured : ndarray of bool, shape (5,), optional
+        Digits that tell no velocity in this frame: the predicted ones, when left out, and those
+        whose principal marker others place.
     """
     most = rate * step
+    silent = predicted if unmeasured is None else unmeasured
     kept, taken = math.exp(-step / CARRY_TIME), 1. - math.exp(-step / SMOOTHING_TIME)
     hurry = 1. if pace is None else CATCHING_UP
     for joint in range(len(solved)):
@@ -84,13 +89,13 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
             since = pace.measured_for[digit] + step
             # Without a gap before it, what has changed is other evidence than markers.
             is_other = changed[digit] and pace.measured_for[digit] == 0.
-            if predicted[digit] or is_other or not 0. < since <= min(SHORT_GAP * step, CARRY_TIME):
+            if silent[digit] or is_other or not 0. < since <= min(SHORT_GAP * step, CARRY_TIME):
                 pace.velocity[joint] *= kept
             else:
                 velocity = clamp((solved[joint] - pace.measured[joint]) / since,
                                  -FASTEST_PACE, FASTEST_PACE)
                 pace.velocity[joint] += taken * (velocity - pace.velocity[joint])
-            if not predicted[digit]:
+            if not silent[digit]:
                 pace.measured[joint] = solved[joint]
             if changed[digit] or predicted[digit]:
                 carried = step * pace.velocity[joint]
@@ -110,4 +115,4 @@ def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: 
         offset[joint] = blended[joint] - solved[joint]
     if pace is not None:
         for digit in range(len(predicted)):
-            pace.measured_for[digit] = pace.measured_for[digit] + step if predicted[digit] else 0.
+            pace.measured_for[digit] = pace.measured_for[digit] + step if silent[digit] else 0.
