@@ -52,7 +52,7 @@ JOINT_RANDOM_WALK = 2.
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
 LARGEST_MISFIT = 25.          # [1] that is learned, as of five deviations too
 DIGIT_MISFIT_TIME = .1        # [s] that a digit's misfit is averaged over
-INFERRED_DEVIATION = .005     # [m] of a principal marker that the digit's others place
+INFERRED_DEVIATION = .01      # [m] of a principal marker that the digit's others place
 NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
 
 
