@@ -11,6 +11,7 @@ import numpy as np
 
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
+from ..numerics.third_difference import third_difference
 from ..numerics.vectors import clamp
 
 TRACKED_QUANTILE = .25        # of the squared third differences
@@ -67,21 +68,15 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
         if not seen[i] or step <= 0.:
             noise.consecutive[i] = 0
             continue
-        past = noise.past[i]
+        square = 0.
+        for k in range(3):
+            square += third_difference(noise.past[i, :, k], markers[i, k]) ** 2
         if noise.consecutive[i] == 3:
-            square = 0.
-            for k in range(3):
-                third = markers[i, k] - 3. * past[0, k] + 3. * past[1, k] - past[2, k]
-                square += third * third
             variance = follow_quantile(
                 noise.deviation[i] ** 2, square / (CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN),
                 steps)
             noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, highest)
         noise.consecutive[i] = min(noise.consecutive[i] + 1, 3)
-        for k in range(3):
-            past[2, k] = past[1, k]
-            past[1, k] = past[0, k]
-            past[0, k] = markers[i, k]
 
 
 def noise_levers(template: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from ..filtering.noise_estimate import NOISE_TIME, THIRD_DIFFERENCE_GAIN, TRACKE
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.stack_memory import local_floats
+from ..numerics.third_difference import third_difference
 from ..numerics.vectors import clamp
 from .angle_filter import INNOVATION_TIME
 from .digit import CHAIN_JOINTS
@@ -92,9 +93,7 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
             state.angles[start + j] = solved[j]
         off[j] = solved[j] - state.angles[start + j]
         if known == 0 or step > 0.:
-            past = state.past[start + j]
-            third[j] = solved[j] - 3. * past[0] + 3. * past[1] - past[2]
-            past[2], past[1], past[0] = past[1], past[0], solved[j]
+            third[j] = third_difference(state.past[start + j], solved[j])
             state.consecutive[start + j] = min(known + 1, 3)
     shown = 1. - math.exp(-step / INNOVATION_TIME) if step > 0. else 1.
     steps = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
