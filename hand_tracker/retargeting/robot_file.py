@@ -210,7 +210,15 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     guesses = {role: ('radius_mm',) if role in centres else ('tip_offset_mm', 'radius_mm')
                for role in guessed}
     return LoadedRobot(hand, _options(settings, source), tuple(order),
-                       (*anatomy.unsure, *model.notes, *guess_notes(hand, guessed)), guesses)
+                       (*anatomy.unsure, *model.notes, *_speed_notes(hand),
+                        *guess_notes(hand, guessed)), guesses)
+
+
+def _speed_notes(hand: RobotHand) -> tuple[str, ...]:
+    """Return which joints of the digits the URDF gives no speed, in words, if there are any."""
+    names = [hand.model.variables[i] for i in hand.digit_variables if not hand.model.velocity[i]]
+    return (f"no limit of speed in the URDF: {', '.join(names)}; retarget moves them at "
+            'up to safety.max_speed',) if names else ()
 
 
 def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:

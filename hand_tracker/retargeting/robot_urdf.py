@@ -46,7 +46,7 @@ class UrdfJoint(NamedTuple):
     axis : ndarray, shape (3,)
         Unit vector in the joint's frame.
     lower, upper : float
-        Limits [rad] or [m].
+        Limits [rad] or [m], the soft ones of a `safety_controller` where these are narrower.
     velocity : float
         Limit [rad/s] or [m/s]; 0 where the URDF has none.
     mimic : Mimic or None
@@ -236,12 +236,7 @@ def _joint(element: Element, source: str) -> UrdfJoint:
         axis = np.array((1., 0., 0.))
     elif np.linalg.norm(axis) < 1e-9:
         raise InvalidRobot(f'{place}: its axis has no direction')
-    lower, upper = (CONTINUOUS_RANGE if kind == 'continuous' else
-                    (_number(limit, 'lower', place, 0.), _number(limit, 'upper', place, 0.)))
-    if lower > upper:
-        raise InvalidRobot(f'{place}: lower limit {lower:g} exceeds upper limit {upper:g}')
-    if max(-lower, upper) > FARTHEST_LIMIT:
-        raise InvalidRobot(f'{place}: limits {lower:g} to {upper:g}; expected radians or metres')
+    lower, upper = _limits(element, kind, place)
     follows = element.find('mimic')
     mimic = None if follows is None else Mimic(
         follows.get('joint', ''), _number(follows, 'multiplier', place, 1.),
@@ -254,6 +249,27 @@ def _joint(element: Element, source: str) -> UrdfJoint:
     if limit is None and mimic is None and kind in ('revolute', 'prismatic'):
         raise InvalidRobot(f'{place}: no <limit>; expected the range of a {kind} joint')
     return joint
+
+
+def _limits(joint: Element, kind: str, place: str) -> tuple[float, float]:
+    """Return a joint's limits, narrowed by the soft ones of its controller [rad or m]."""
+    if kind == 'continuous':
+        return CONTINUOUS_RANGE
+    limit, soft = joint.find('limit'), joint.find('safety_controller')
+    lower, upper = _number(limit, 'lower', place, 0.), _number(limit, 'upper', place, 0.)
+    if lower > upper:
+        raise InvalidRobot(f'{place}: lower limit {lower:g} exceeds upper limit {upper:g}')
+    if max(-lower, upper) > FARTHEST_LIMIT:
+        raise InvalidRobot(f'{place}: limits {lower:g} to {upper:g}; expected radians or metres')
+    softly = (_number(soft, 'soft_lower_limit', place, 0.),
+              _number(soft, 'soft_upper_limit', place, 0.))
+    if softly == (0., 0.):    # what URDF means by limits that are left out
+        return lower, upper
+    kept = max(lower, softly[0]), min(upper, softly[1])
+    if kept[0] > kept[1]:
+        raise InvalidRobot(f'{place}: soft limits {softly[0]:g} to {softly[1]:g} of its '
+                           f'safety_controller; expected a range within {lower:g} to {upper:g}')
+    return kept
 
 
 def _all_shapes(robot: Element, source: str) -> tuple[UrdfShape, ...]:

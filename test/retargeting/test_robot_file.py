@@ -100,6 +100,15 @@ def test_a_urdf_in_degrees_or_millimetres_is_refused(pattern, factor, message, t
         load_robot(str(path))
 
 
+def test_joints_without_a_limit_of_speed_are_told():
+    text = PARALLEL_GRIPPER.replace('upper="0.8"/></joint>', 'upper="0.8" velocity="0"/></joint>')
+    notes = [note for note in load_robot('robotiq_2f', text).notes if 'speed' in note]
+    assert notes == [
+        'no limit of speed in the URDF: drive; retarget moves them at up to safety.max_speed']
+    text = text.replace('velocity="0"', 'velocity="2"')
+    assert not any('speed' in note for note in load_robot('robotiq_2f', text).notes)
+
+
 def test_an_order_that_is_given_counts_in_place_of_the_file_s(tmp_path):
     text = GRIPPER.replace('upper="0.04" velocity="0.2"/><mimic',
                            'upper="0.015" velocity="0.02"/><mimic')

@@ -29,6 +29,26 @@ def test_a_tree_is_read_with_limits_mimics_and_parents_first():
     np.testing.assert_allclose(tree.joints[2].translation, (0., .006, .1))
 
 
+@pytest.mark.parametrize('soft, limits', [
+    ('k_velocity="1"', (0., .04)),
+    ('k_velocity="1" soft_lower_limit="0.002" soft_upper_limit="0.03"', (.002, .03)),
+    ('k_velocity="1" soft_lower_limit="-1" soft_upper_limit="0.03"', (0., .03))])
+def test_soft_limits_narrow_the_limits(soft, limits):
+    text = GRIPPER.replace('velocity="0.2"/></joint>',
+                           f'velocity="0.2"/><safety_controller {soft}/></joint>')
+    slide = read_urdf_tree(text).joints[0]
+    assert (slide.lower, slide.upper) == limits
+
+
+def test_soft_limits_beyond_the_limits_are_refused():
+    text = GRIPPER.replace(
+        'velocity="0.2"/></joint>', 'velocity="0.2"/><safety_controller k_velocity="1" '
+        'soft_lower_limit="1" soft_upper_limit="2"/></joint>')
+    with pytest.raises(InvalidRobot, match="'slide': soft limits 1 to 2 of its safety_controller; "
+                                           'expected a range within 0 to 0.04'):
+        read_urdf_tree(text)
+
+
 def test_roll_pitch_yaw_are_about_fixed_axes():
     x = rotation_from_rpy(np.array((np.pi / 2, 0., 0.)))
     np.testing.assert_allclose(x @ (0., 1., 0.), (0., 0., 1.), atol=1e-15)
