@@ -30,6 +30,7 @@ CONTACT_GAP = .0015        # [m] between surfaces, below which they touch; unsou
 # Of `separate`, sequential quadratic programming with Hildreth's method inside.
 TOLERANCE_SHARE = .95      # [1] of the tolerance is aimed at: iteration leaves a small rest
 MAX_ROUNDS = 48            # linearisations of the distances
+FRAME_ROUNDS = 6           # the same in a frame whose digits turn little: the next one goes on
 MAX_SWEEPS = 30            # of Hildreth's method in a round
 ROUNDS_PER_START = 12      # rounds after which it starts again from the present angles
 DAMPED_ROUNDS = 4          # last rounds of a start, which go half the way
@@ -117,7 +118,7 @@ class FreeAngles(NamedTuple):
 
 @jit
 def separate(capsules: Capsules, angles: np.ndarray, mobility: Mobility, tolerance: float,
-             placement: Placement) -> int:
+             placement: Placement, most_rounds: int = MAX_ROUNDS) -> int:
     """Move overlapping digits apart, and out of the palm, by the least change of angles.
 
     Minimises the sum over the free angles (abduction, first and second flexion of each digit;
@@ -137,6 +138,7 @@ def separate(capsules: Capsules, angles: np.ndarray, mobility: Mobility, toleran
         Overlap that remains [m].
     placement : Placement
         Replaced by that of the angles.
+    most_rounds : int, optional
 
     Returns
     -------
@@ -150,9 +152,9 @@ def separate(capsules: Capsules, angles: np.ndarray, mobility: Mobility, toleran
 
     rounds = 0
     removed = ROUND_OVERLAP
-    while rounds < MAX_ROUNDS:
+    while rounds < most_rounds:
         rounds += _solve_rounds(capsules, angles, mobility, placement, aim, removed,
-                                min(MAX_ROUNDS - rounds, ROUNDS_PER_START))
+                                min(most_rounds - rounds, ROUNDS_PER_START))
         if not _overlaps(capsules, placement.ends, mobility, tolerance):
             break
         # Stuck before the tolerance: start again from here with larger steps.
@@ -199,7 +201,7 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
         for k in range(used):
             contacts.last_force[contacts.pairs[k]] = contacts.force[k]
         # Sliding contacts make the iteration oscillate: damp its last rounds.
-        share = 1.0 if number < ROUNDS_PER_START - DAMPED_ROUNDS else 0.5
+        share = 1.0 if number < rounds - DAMPED_ROUNDS else 0.5
         moved = _change_angles(before, mobility, share, free, angles)
         for digit in range(5):
             if mobility.weight[digit] > 0.0:
