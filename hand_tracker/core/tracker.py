@@ -140,7 +140,8 @@ class HandTracker:
         """Replace hand, layout or options from the next frame on.
 
         The pose is kept, unless the side of the hand changes: then tracking begins anew. To a hand
-        of another size the angles of seen digits go over at the rate of a re-entry.
+        of another size, or markers in other places, the angles of seen digits go over at the rate
+        of a re-entry.
 
         Parameters
         ----------
@@ -160,7 +161,8 @@ class HandTracker:
         # Of the former hand's capsules, and of markers from its places.
         self._state.are_placed[:] = False
         self._state.palm.misfit[:] = self._state.digits.misfit[:] = 0.
-        if not np.array_equal(self._marker_places, worn):
+        has_moved = not np.array_equal(self._marker_places, worn)
+        if has_moved:
             # What was seen of the skin was seen from other places.
             self._state.palm_shape[:] = self._template
             self._state.rows.skin_shift[:] = self._state.rows.skin_shift_share[:] = 0.
@@ -172,6 +174,8 @@ class HandTracker:
         elif layout is not None:
             # The tracks of the digits move to the new markers of the present pose.
             self._state.digits.mean[:, :3] = self._digit_markers(self._state.angles)
+            if has_moved:
+                self.blend_in()
 
     def blend_in(self) -> None:
         """Blend the angles of the next frame in, at the rate of a re-entry at most.
@@ -179,7 +183,8 @@ class HandTracker:
         Called before each frame for as long as a digit may need to find its bend on another hand.
         """
         # As if the digits came back.
-        self._state.digits.seen[:] = False
+        self._state.digits.seen[:] = self._state.rows.is_measured[:] = False
+        self._state.average.consecutive[:] = 0
         self._state.pace.measured_for[:], self._state.pace.velocity[:] = np.inf, 0.
 
     def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:

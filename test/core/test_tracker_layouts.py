@@ -491,3 +491,36 @@ def test_dropouts_do_not_slow_digits_with_several_markers_down(name, most):
     off = np.degrees(np.abs([state.angles for state in states] - angles))[60:]
     # Limited to the re-entry rate in each frame with a change they were 9.2 and 5.2 degrees.
     assert np.percentile(off, 98) < most
+
+
+@pytest.mark.parametrize('name', ['sig18_19', 'dfki13'])
+def test_dropouts_do_not_straighten_a_still_hand(name):
+    layout = preset_layout(name)
+    pose = forward(joint_table(HAND), HAND.relaxed())
+    markers = marker_positions(layout.mounting(HAND), pose, np.eye(3), np.zeros(3))
+    missing = np.random.default_rng(5).random((2400, len(markers))) < .2
+    missing[:240] = False
+    tracker, found = HandTracker(HAND, layout), []
+    for number, gone in enumerate(missing):
+        found.append(tracker.update(np.where(gone[:, None], np.nan, markers), number / 480.).angles)
+    drift = np.degrees(np.mean(found[-240:], axis=0) - np.mean(found[:240], axis=0))
+    assert np.abs(drift).max() < .1
+
+
+@pytest.mark.parametrize('changed', ['hand', 'layout'])
+def test_another_hand_and_other_places_of_markers_are_blended_in(changed):
+    worn = preset_layout('sig18_19')
+    moved = worn.with_offsets(
+        worn.offsets + np.random.default_rng(1).normal(scale=.003, size=worn.offsets.shape))
+    hand = Hand.scaled(.2, .091) if changed == 'hand' else HAND
+    tracker = HandTracker(hand, worn if changed == 'hand' else moved)
+    pose = forward(joint_table(HAND), HAND.relaxed())
+    markers = marker_positions(worn.mounting(HAND), pose, np.eye(3), np.zeros(3))
+    found = []
+    for number in range(240):
+        if number == 120:
+            tracker.configure(**{changed: HAND if changed == 'hand' else worn})
+        found.append(tracker.update(markers, number / RATE).angles)
+    steps = np.abs(np.diff(found, axis=0))[118:]
+    assert steps.max() * RATE < 1.05 * tracker.options.reentry_rate
+    assert np.abs(found[-1] - found[118]).max() > np.radians(3.)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..numerics.differences import latest_difference
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
-from ..numerics.third_difference import third_difference
 from ..numerics.vectors import clamp
 
 TRACKED_QUANTILE = .25        # of the squared third differences
@@ -70,7 +70,7 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
             continue
         square = 0.
         for k in range(3):
-            square += third_difference(noise.past[i, :, k], markers[i, k]) ** 2
+            square += latest_difference(noise.past[i, :, k], markers[i, k]) ** 2
         if noise.consecutive[i] == 3:
             variance = follow_quantile(
                 noise.deviation[i] ** 2, square / (CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN),

@@ -5,8 +5,9 @@ worse than what several do together; but a finger that moves shows at once in wh
 So independent components are averaged, by Cholesky's factor of the normal equations: the first is
 all that moves the markers as the first joint does, the next what the second joint adds across
 that, and so on. Each has a Kalman filter of one state, a random walk whose process noise follows
-the innovation beyond the noise. The noise is learned from third differences, as that of markers.
-Ours; no source.
+the innovation beyond the noise. The noise is learned as that of markers, but from fifth
+differences: of a tapping finger third ones, at 30 to 60 frames a second, are mostly motion. Ours;
+no source.
 """
 
 import math
@@ -14,19 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..filtering.noise_estimate import NOISE_TIME, THIRD_DIFFERENCE_GAIN, TRACKED_QUANTILE
+from ..filtering.noise_estimate import NOISE_TIME, TRACKED_QUANTILE
+from ..numerics.differences import latest_difference
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.stack_memory import local_floats
-from ..numerics.third_difference import third_difference
 from ..numerics.vectors import clamp
 from .angle_filter import INNOVATION_TIME
 from .digit import CHAIN_JOINTS
 
-# Variance of a component's noise over the learned one [1]: third differences miss slow noise, such
-# as that of the palm's pose.
+# Variance of a component's noise over the learned one [1]: differences miss slow noise, such as
+# that of the palm's pose.
 SLOWER_NOISE_VARIANCE = 2.
 AVERAGING_TIME = .2           # [s] of a component that moves within the noise, at most
+HISTORY = 5                   # frames before one, which with it tell the noise
+FIFTH_DIFFERENCE_GAIN = 252.  # variance of a fifth difference over the noise's
 SINGLE_CHI_SQUARE = .1015     # tracked quantile of a χ² of 1 degree of freedom
 UNKNOWN_NOISE = .3            # [1] of a component before any is learned
 NOISE_RANGE = 1e-3, 1.        # [1] of a component
@@ -43,11 +46,11 @@ class AngleAverage(NamedTuple):
         [rad]
     variance, noise_variance : ndarray, shape (25,)
         Of each joint's component and of its noise, that of the fit being 1 [1].
-    past : ndarray, shape (25, 3)
-        Last three fitted angles, newest first [rad].
+    past : ndarray, shape (25, 5)
+        Last five fitted angles, newest first [rad].
     consecutive : ndarray of int, shape (25,)
-        How many of them, at most 3, are of consecutive frames; 0 begins an average anew. Of a
-        chain, its first joint's counts.
+        Consecutive frames, at most 3, from which on the noise is learned; 0 begins an average
+        anew, 1 its past alone. Of a chain, its first joint's counts.
     """
 
     angles: np.ndarray
@@ -61,7 +64,7 @@ def initial_average(angles: np.ndarray) -> AngleAverage:
     """Return the `AngleAverage` before the first frame, at angles of shape (25,) [rad]."""
     count = len(angles)
     return AngleAverage(angles.copy(), np.zeros(count), np.full(count, UNKNOWN_NOISE ** 2),
-                        np.zeros((count, 3)), np.zeros(count, dtype=np.int64))
+                        np.zeros((count, HISTORY)), np.zeros(count, dtype=np.int64))
 
 
 @jit
@@ -86,14 +89,16 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
     """
     first, end = joints
     start = 5 * digit
-    off, third = local_floats(CHAIN_JOINTS), local_floats(CHAIN_JOINTS)
+    off, latest = local_floats(CHAIN_JOINTS), local_floats(CHAIN_JOINTS)
     known = state.consecutive[start + first]
     for j in range(first, end):
         if known == 0:
             state.angles[start + j] = solved[j]
         off[j] = solved[j] - state.angles[start + j]
         if known == 0 or step > 0.:
-            third[j] = third_difference(state.past[start + j], solved[j])
+            latest[j] = latest_difference(state.past[start + j], solved[j])
+            if known < 2:
+                state.past[start + j] = solved[j]
             state.consecutive[start + j] = min(known + 1, 3)
     shown = 1. - math.exp(-step / INNOVATION_TIME) if step > 0. else 1.
     steps = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
@@ -102,12 +107,12 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
         innovation, difference = 0., 0.
         for k in range(j, end):
             innovation += factor[k, j] * off[k]
-            difference += factor[k, j] * third[k]
+            difference += factor[k, j] * latest[k]
         noise = state.noise_variance[start + j]
         if known == 3:
             noise = clamp(
                 follow_quantile(noise, difference * difference
-                                / (SINGLE_CHI_SQUARE * THIRD_DIFFERENCE_GAIN), steps),
+                                / (SINGLE_CHI_SQUARE * FIFTH_DIFFERENCE_GAIN), steps),
                 NOISE_RANGE[0] ** 2, NOISE_RANGE[1] ** 2)
             state.noise_variance[start + j] = noise
         moved = shown * max(abs(innovation) - math.sqrt(noise), 0.)

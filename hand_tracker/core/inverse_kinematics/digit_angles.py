@@ -339,8 +339,8 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
             natural_weight: float, workspace: DigitWorkspace) -> float:
     """Add the usual angles, the natural flexion, the coupling and the last frame; return costs.
 
-    Natural flexion, coupling and the thumb's usual angles are taken about what they were off at the
-    angles with the markers' shifts, by the share of these.
+    Usual angles, natural flexion and coupling are taken about what they were off at the angles with
+    the markers' shifts, by the share of these.
     """
     matrix, gradient = workspace.matrix, workspace.gradient
     misfit = max(state.misfit[digit], 1.)
@@ -351,8 +351,7 @@ def _priors(chains: Chains, state: RowState, digit: int, angles: np.ndarray, wal
     cost = 0.
     for j in range(CHAIN_JOINTS):
         weight = spreads[j] ** -2
-        # Fingers bend and stretch far within a second, the thumb's joints turn less.
-        off = off_shift[j] if digit == THUMB else angles[j]
+        off = off_shift[j]
         cost += weight * off * off
         matrix[j, j] += weight
         gradient[j] -= weight * off

@@ -154,3 +154,20 @@ def test_the_misfit_of_bones_goes_with_them():
         state, other = (one.update(markers, number / RATE) for one in (tracker, fresh))
     assert tracker._state.rows.misfit.max() < 1.
     np.testing.assert_allclose(state.angles, other.angles, atol=np.radians(.2))
+
+
+def test_a_fast_motion_at_a_low_rate_is_not_taken_for_noise():
+    hand, layout = Hand.scaled(.19, .088), preset_layout('sig18_19')
+    time = np.arange(180) / 30.
+    angles = np.tile(hand.relaxed(), (180, 1))
+    angles[:, [2, 3]] += .17 * np.sin(2. * np.pi * 4. * time)[:, None]
+    pose = forward(joint_table(hand), angles)
+    markers = marker_positions(layout.mounting(hand), pose, np.eye(3), np.zeros(3))
+    markers = markers + np.random.default_rng(5).normal(scale=1e-4, size=markers.shape)
+    off = []
+    for is_averaged in (True, False):
+        tracker = HandTracker(hand, layout, TrackerOptions(angle_filter=is_averaged))
+        found = np.array([tracker.update(frame, t).angles for frame, t in zip(markers, time)])
+        off.append((found - angles)[60:, 3].std())
+    # Three times as far by third differences.
+    assert off[0] < 1.3 * off[1]
