@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from math import isfinite
 from pathlib import Path
@@ -47,7 +48,8 @@ class LoadedRobot(NamedTuple):
     hand : RobotHand
     options : RetargetOptions
     order : tuple of str
-        Names of the joints in the order of commands without names.
+        Names of the joints in the order of commands; where none is given, the independent ones as
+        the URDF lists them.
     notes : tuple of str
         What a person should know: what the geometry left open, what of a file is not used.
     guesses : mapping of str to tuple of str
@@ -93,8 +95,9 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     """
     if robot.lower().endswith(('.urdf', '.xml')):
         file = resolve_path(robot, Path())
-        loaded = _assemble({}, load_urdf_tree(file), side, robot, order)
-        return loaded._replace(urdf=str(file.resolve()))
+        tree, place = load_urdf_tree(file), str(file.resolve())
+        loaded = _assemble({}, tree, side, robot, order)
+        return loaded._replace(notes=(*_own_preset(tree.name, place), *loaded.notes), urdf=place)
     path = share_directory() / 'config' / 'robots' / f'{robot}.yaml'
     if not path.is_file():
         path = resolve_path(robot, Path())
@@ -128,14 +131,29 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
 
 def _other_preset(robot: str, named: str) -> tuple[str, ...]:
     """Return a note where a URDF names itself as the robot of another preset than the chosen."""
-    presets = preset_names()
-    words = re.split(r'[\W_]+', named.lower())
-    alike = [preset for preset in presets
-             if any(word.startswith(part) for word in words for part in preset.split('_'))]
-    if robot not in presets or robot in alike or not alike:
+    alike = _presets_named(named)
+    if robot not in preset_names() or robot in alike or not alike:
         return ()
     return (f"the URDF calls its robot '{named}': is the preset {' or '.join(alike)} meant in "
             f'place of {robot}?',)
+
+
+def _own_preset(named: str, urdf: str) -> tuple[str, ...]:
+    """Return a note where a URDF names itself as the robot of a preset, which takes it."""
+    for preset in _presets_named(named):
+        with suppress(InvalidRobot):
+            load_robot(preset, urdf)
+            return (f"the URDF calls its robot '{named}': the preset {preset} knows more of it, as "
+                    "its tips or its driver's order; give that as the robot, and this URDF as its "
+                    'robot_description',)
+    return ()
+
+
+def _presets_named(robot: str) -> list[str]:
+    """Return the presets whose names a URDF's name of its robot has in it."""
+    words = re.split(r'[\W_]+', robot.lower())
+    return [preset for preset in preset_names()
+            if any(word.startswith(part) for word in words for part in preset.split('_'))]
 
 
 def _read_settings(path: Path) -> dict[str, Any]:

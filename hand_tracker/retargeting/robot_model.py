@@ -71,7 +71,7 @@ class RobotModel(NamedTuple):
     joint_names : tuple of str
         Of all movable joints, mimic joints too, in the order of `joints`.
     variables : tuple of str
-        Names of the n independent joints.
+        Names of the n independent joints, in the order of the URDF's document.
     lower, upper : ndarray, shape (n,)
         Limits of the variables within which mimic joints keep theirs [rad or m].
     velocity : ndarray, shape (n,)
@@ -169,7 +169,9 @@ def robot_model(tree: UrdfTree, commanded: Collection[str] = ()) -> RobotModel:
     links = {tree.root: LinkFrame(-1, np.eye(3), np.zeros(3))}
     movable = [joint for joint in tree.joints if joint.is_movable]
     by_name = {joint.name: joint for joint in movable}
-    variables = tuple(joint.name for joint in movable if joint.mimic is None)
+    # In the document's order, as drivers that take positions by index mostly have it.
+    variables = tuple(name for name in tree.listed
+                      if name in by_name and by_name[name].mimic is None)
     columns: list[tuple] = []
     for joint in tree.joints:
         base = links[joint.parent]

@@ -108,13 +108,16 @@ class UrdfTree(NamedTuple):
         Radius of the greatest sphere among the shapes of a link, for links that have one [m].
     shapes : tuple of UrdfShape
         Primitive visual shapes of the links, or, of a link without, its collision shapes.
+    listed : tuple of str
+        Names of the joints in the order of the document.
     """
 
     name: str
     root: str
     joints: tuple[UrdfJoint, ...]
     spheres: dict[str, float]
-    shapes: tuple[UrdfShape, ...] = ()
+    shapes: tuple[UrdfShape, ...]
+    listed: tuple[str, ...]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -163,7 +166,8 @@ def read_urdf_tree(text: str, source: str = 'URDF') -> UrdfTree:
                  for sphere in element.iterfind('.//geometry/sphere')]
         if radii:
             spheres[_name(element, source)] = max(radii)
-    return UrdfTree(robot.get('name', ''), root, ordered, spheres, _all_shapes(robot, source))
+    return UrdfTree(robot.get('name', ''), root, ordered, spheres, _all_shapes(robot, source),
+                    tuple(joints))
 
 
 def load_urdf_tree(path: str | Path) -> UrdfTree:

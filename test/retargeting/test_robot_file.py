@@ -53,6 +53,45 @@ def test_a_preset_takes_the_urdf_of_either_side(preset, urdf_name, side):
     assert set(loaded.order) == set(loaded.hand.model.variables)
 
 
+LISTED = {
+    'ability': 'thumb_q1 thumb_q2 index_q1 middle_q1 ring_q1 pinky_q1',
+    'allegro': ' '.join(f'joint_{number}.0' for number in range(16)),
+    'inspire': 'thumb_proximal_yaw_joint thumb_proximal_pitch_joint index_proximal_joint '
+               'middle_proximal_joint ring_proximal_joint pinky_proximal_joint',
+    'leap': ' '.join(map(str, range(16))),
+    'shadow': 'WRJ2 WRJ1 FFJ4 FFJ3 FFJ2 FFJ1 MFJ4 MFJ3 MFJ2 MFJ1 RFJ4 RFJ3 RFJ2 RFJ1 LFJ5 LFJ4 '
+              'LFJ3 LFJ2 LFJ1 THJ5 THJ4 THJ3 THJ2 THJ1'}
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+@pytest.mark.parametrize('preset', LISTED)
+def test_commands_have_the_order_in_which_the_urdf_lists_the_joints(preset, side, tmp_path):
+    path = str(third_party_urdf(f'{preset}_hand_{side}'))
+    found, *others = load_robot(path), load_robot(preset, path)
+    (tmp_path / 'written.yaml').write_text(robot_file_text(found, path))
+    for loaded in found, *others:
+        assert loaded.order == tuple(LISTED[preset].split())
+    # The wrist of the Shadow Hand is left to an arm's controller.
+    assert load_robot(str(tmp_path / 'written.yaml')).order == tuple(
+        name for name in found.order if name not in found.hand.arm_joints)
+    assert f'the preset {preset} knows more of it' in found.notes[0]
+
+
+def test_the_order_of_the_urdf_may_name_a_joint_before_the_one_that_carries_it(hand_urdf):
+    text = hand_urdf.read_text()
+    joints = re.findall(r'<joint .*?</joint>', text, re.DOTALL)
+    body = re.sub(r'<joint .*?</joint>', '', text, flags=re.DOTALL)
+    hand_urdf.write_text(body.replace('</robot>', ''.join(reversed(joints)) + '</robot>'))
+    backwards, model = load_robot(str(hand_urdf)), load_robot('plain', text).hand.model
+    listed = re.findall(r'joint name="(\w+)" type="revolute"', text)
+    assert backwards.order == tuple(reversed(listed)) != model.variables == tuple(listed)
+    order = [model.variables.index(name) for name in backwards.order]
+    rest = model.lower + .3 * (model.upper - model.lower)
+    np.testing.assert_allclose(
+        backwards.hand.model.frames(rest[order])[1][-1], model.frames(rest)[1][
+            model.joint_names.index(backwards.hand.model.joint_names[-1])], atol=1e-12)
+
+
 def test_the_plain_hand_comes_with_its_urdfs_of_which_one_mirrors_the_other():
     right, left = (load_robot('plain', preferred_side=side) for side in ('right', 'left'))
     assert right.urdf.endswith('plain_hand_right.urdf') and right.notes == left.notes == ()
@@ -285,6 +324,17 @@ def test_a_urdf_that_names_another_presets_robot_is_doubted(robot, named, meant,
     notes = [note for note in load_robot(robot, xml).notes if 'is the preset' in note]
     assert notes == ([] if meant is None else [
         f"the URDF calls its robot '{named}': is the preset {meant} meant in place of {robot}?"])
+
+
+@pytest.mark.parametrize(('named', 'preset'), [
+    ('plain_hand_right', 'plain'), ('shadow_hand', None), ('mine', None)])
+def test_a_urdf_alone_is_told_the_preset_that_takes_it(named, preset, tmp_path):
+    text = (share_directory() / 'config' / 'robots' / 'plain_hand_right.urdf').read_text()
+    (tmp_path / 'it.urdf').write_text(re.sub('<robot name="[^"]*"', f'<robot name="{named}"', text))
+    notes = [note for note in load_robot(str(tmp_path / 'it.urdf')).notes if 'preset' in note]
+    assert notes == ([] if preset is None else [
+        f"the URDF calls its robot '{named}': the preset {preset} knows more of it, as its tips or "
+        "its driver's order; give that as the robot, and this URDF as its robot_description"])
 
 
 def test_an_unknown_robot_is_told_the_presets(tmp_path):
