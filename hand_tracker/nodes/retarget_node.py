@@ -57,6 +57,7 @@ RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
 FAR_FROM_COMMAND = .5   # [rad] above which a robot does not do what is commanded
 FAR_TIME = .9           # [s] for which it is so: at two statuses
+RESTART_TURNS = 3       # of the publishers of the hand between two statuses; one restart takes one
 SHOWN_PERIOD = .05      # [s] between two frames that show the robot while kernels are compiled
 # What to do where others publish joint states on the topic of the hand, or of the robot.
 SHARED_HAND = ('give the hand a topic of its own (remap joint_states). Joints of others are left '
@@ -135,7 +136,7 @@ class RetargetNode(SubscriptionHidingNode):
                 self._teleoperation.guard.options.robot_timeout)
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
-        self._known_jumps = 0   # of the last status
+        self._known_jumps = self._known_turns = 0   # of the last status
         self._judges_hand = values['min_confidence'] > 0.
         self._judged_time = time.monotonic()  # when deviations last said how much is known of it
         self._known_judged_count = 0
@@ -512,10 +513,23 @@ class RetargetNode(SubscriptionHidingNode):
             if self.count_publishers(topic) < 2:
                 continue
             names = self._publishers_of(topic)
-            # Of two trackers of one name they themselves tell; or one was killed, and started anew.
+            # Two of one name are told by their frames; or one was killed, and started anew.
             if len(set(names)) > 1:
                 self._warn_once(
                     topic, f'{topic} has {len(names)} publishers ({", ".join(names)}): {advice}')
+
+    def _find_second_hand(self) -> str:
+        """Return that several publishers send this hand by turns, with their names, or nothing."""
+        turns = self._fast_path.turns if self._fast_path else 0
+        new_turns, self._known_turns = turns - self._known_turns, turns
+        if new_turns <= RESTART_TURNS:
+            return ''
+        topic = self._joint_subscriptions[0].topic_name
+        text = (f'{topic} has frames of this hand from several publishers by turns '
+                f'({", ".join(self._publishers_of(topic))}): all of them move the robot; end all '
+                'but one tracker, or give each a topic of its own (remap joint_states)')
+        self._warn_once('turns', text)
+        return text
 
     def _find_unjudged(self) -> str:
         """Return why nobody judges how much is known of the hand, or nothing."""
@@ -577,7 +591,8 @@ class RetargetNode(SubscriptionHidingNode):
         text = fault or f'{guard.state.value}: {self._reason}'
         if new_jumps:
             text += f'; jumps of the hand refused: {new_jumps}'
-        others = [*filter(None, (self._namesake_fault, unjudged, self._find_blocked())),
+        others = [*filter(None, (self._namesake_fault, self._find_second_hand(), unjudged,
+                                 self._find_blocked())),
                   *(self._shared_commands() if guard.is_engaged else ())]
         text = '; '.join((text, *others))
         is_fine = guard.is_following and not (self._wrist_fault or new_jumps or others)

@@ -285,6 +285,33 @@ def test_an_arm_may_share_the_topic_of_the_hand(robot):
         assert process.interrupt() == 0, process.output
 
 
+@pytest.mark.skipif(not COMPILED, reason='needs the fast path')
+def test_two_trackers_of_one_name_are_told_but_not_one_that_was_started_anew(robot):
+    said = '/joint_states has frames of this hand from several publishers by turns (/test, /test): '
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node, \
+            watching_node('test') as namesake:
+        bench, statuses = Bench(node), node.collect(DiagnosticArray, '/diagnostics')
+        bench.start = robot_states(joints(), .05)
+        bench.until('following')
+        first, bench._hand = bench._hand, namesake.create_publisher(JointState, 'joint_states', 10)
+        # The first is silent, as a tracker that was killed, which is still listed.
+        sent, frames = len(statuses), most_on_fast_path(statuses)
+        node.spin_until(lambda: len(statuses) > sent + 3
+                        and most_on_fast_path(statuses) > frames + 50)
+        assert node.count_publishers('joint_states') == 2
+        bench.until('following')
+        assert 'by turns' not in process.output
+        # Between two frames of the other, by the stamps.
+        node.create_timer(PERIOD, lambda: first.publish(joint_state(
+            Time(sec=bench.stamps[-1].sec, nanosec=10**9 // 2), bench.names.joints, bench.angles)))
+        node.spin_until(lambda: any(
+            status.level == DiagnosticStatus.WARN and said in status.message
+            for message in statuses for status in message.status))
+        assert process.output.count(said) >= 1
+        assert process.interrupt() == 0, process.output
+    assert len(re.findall(r'WARN.*' + re.escape(said), process.output)) == 1
+
+
 def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
     parameters = {'robot': robot, 'outputs': 'joint_state joint_trajectory position_array',
                   'rate': 50.}

@@ -27,6 +27,8 @@ if COMPILED:
 # Middlewares whose callbacks may take and publish; tried here.
 SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
 TAKE_CAPACITY = 2**16    # [bytes] of a message at first
+# rmw_message_info_t, in words: the GUID of a message's publisher (RTPS 2.5, 8.2.4.1) is two.
+INFO_WORDS, INFO_PUBLISHER = 16, 5
 # Of rcl and C, whose addresses the compiled callback has.
 C_FUNCTIONS = 'take', 'publish', 'reset_error', 'reset_timer', 'lock', 'unlock', 'get_time'
 SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn

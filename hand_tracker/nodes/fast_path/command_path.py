@@ -11,13 +11,15 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from ...core.numerics.jit import COMPILED, c_callback
+from ...core.numerics.jit import COMPILED, c_callback, jit
 from ...core.numerics.packs import packed
 from ...messages.joint_states import JointStateReader
 from ...messages.templates import Template
 from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
 from .callback_path import (
     C_FUNCTIONS,
+    INFO_PUBLISHER,
+    INFO_WORDS,
     TAKE_CAPACITY,
     CallbackPath,
     monotonic_time,
@@ -56,6 +58,12 @@ class CommandContext(NamedTuple):
         The same of `HAND_DEVIATIONS` and `ROBOT`.
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
+    info : ndarray of int, shape (INFO_WORDS,)
+        rmw_message_info_t of the hand's last message that was taken.
+    sender : ndarray of int, shape (2,)
+        GUID of the publisher of the hand's last frame.
+    turns : ndarray of int, shape (1,)
+        How often another publisher than that of the frame before sent one.
     memory : int
     packs : ndarray of int, shape (5,)
         Arguments of `follow_frame` before the stamp.
@@ -72,6 +80,9 @@ class CommandContext(NamedTuple):
     has_missed_message: np.ndarray
     has_missed_other: np.ndarray
     now: np.ndarray
+    info: np.ndarray
+    sender: np.ndarray
+    turns: np.ndarray
     memory: int
     packs: np.ndarray
     publishers: np.ndarray
@@ -89,7 +100,6 @@ class CommandContext(NamedTuple):
     lock: int
     unlock: int
     get_time: int
-
 
 
 class ListedJoints(NamedTuple):
@@ -135,7 +145,8 @@ class CommandPath(CallbackPath):
 
         self._contexts, self._context = packed(CommandContext(
             is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_other=zeros(OTHER_TOPICS),
-            now=zeros(2), memory=self._commands.ctypes.data,
+            now=zeros(2), info=zeros(INFO_WORDS), sender=zeros(2), turns=zeros(1),
+            memory=self._commands.ctypes.data,
             packs=np.array([pack.ctypes.data for pack in packs]),
             publishers=zeros(MOST_COMMANDS),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
@@ -209,9 +220,23 @@ class CommandPath(CallbackPath):
         return int(self._memory.frames[0])
 
     @property
+    def turns(self) -> int:
+        """How often a frame of the hand came from another publisher than the one before."""
+        return int(self._context.turns[0])
+
+    @property
     def served_time(self) -> float:
         """When a frame was last answered here, or needed no answer [s]; -inf before the first."""
         return float(self._memory.served_time[0])
+
+
+@jit
+def _note_sender(context: Any) -> None:
+    """Count a turn if the hand's message just taken is of another publisher than the last."""
+    first, second = context.info[INFO_PUBLISHER], context.info[INFO_PUBLISHER + 1]
+    if context.sender[0] != first or context.sender[1] != second:
+        context.sender[0], context.sender[1] = first, second
+        context.turns[0] += 1
 
 
 def _command_callback(*layouts: np.dtype) -> Any:
@@ -234,7 +259,8 @@ def _command_callback(*layouts: np.dtype) -> Any:
         while taken:
             call(context.lock, context.mutex, 0, 0, 0)
             taken = context.is_enabled[0] > 0 and call(
-                context.take, context.subscription[0], context.incoming, 0, 0) == 0
+                context.take, context.subscription[0], context.incoming,
+                context.info.ctypes.data, 0) == 0
             if taken:
                 now = monotonic_time(context)
                 is_known = True
@@ -255,10 +281,12 @@ def _command_callback(*layouts: np.dtype) -> Any:
                             context.has_missed_other[topic] = 1
                             is_known = False
                             left = 0
-                done = NOT_FOLLOWED
+                done, frames = NOT_FOLLOWED, commands[0].frames[0]
                 if is_known:
                     done = process_hand(commands, packs, numba.carray(
                         at(incoming[0]), (incoming[1],), np.uint8), now)
+                if commands[0].frames[0] > frames:
+                    _note_sender(context)
                 if done == COMMANDED:
                     publish_all(context, MOST_COMMANDS)
                 elif done == NOT_FOLLOWED:

@@ -25,6 +25,8 @@ from ...tracking.monitor import TrackedFrames
 from ..serialization import Reply
 from .callback_path import (
     C_FUNCTIONS,
+    INFO_PUBLISHER,
+    INFO_WORDS,
     TAKE_CAPACITY,
     CallbackPath,
     monotonic_time,
@@ -61,8 +63,6 @@ if COMPILED:
 
 # New messages, of the callback, when the executor's thread calls it, or who hands over a message.
 WHILE_DISABLED, HANDED_OVER = 0, 2**31
-# rmw_message_info_t, in words: the GUID of a message's publisher (RTPS 2.5, 8.2.4.1) is two.
-INFO_WORDS, INFO_PUBLISHER = 16, 5
 PUBLISHER_SILENCE = 1.   # [s] of the publisher that is tracked before another one is
 KEPT_CAPACITY = 2**20    # [bytes] of a message that stay allocated
 
