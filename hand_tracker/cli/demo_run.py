@@ -25,7 +25,8 @@ from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.hand_file import save_hand
 from ..files.layout_file import save_layout
-from ..messages.labels import WITHOUT_LABELS
+from ..messages.labels import USUAL_TOPIC, WITHOUT_LABELS
+from ..nodes.topic_publishers import full_name
 from ..retargeting.robot_file import LoadedRobot
 from ..tracking.compilation import COMPILE_TIME, PROGRAM
 from ..tracking.point_bag import PointBag
@@ -38,6 +39,7 @@ from .recording_options import WornHand
 LINE_EVERY = .5  # [s] between live lines
 EXPLAINED_SHARE = .01  # of the frames that are missing, from which on that is explained
 LAG = .5         # [s] without a message, after which no more comes
+DISCOVERY = 1.   # [s] in which others are discovered, but on a busy machine
 
 
 def _start(node: str, **parameters: object) -> subprocess.Popen[bytes]:
@@ -82,7 +84,7 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
     Raises
     ------
     HandTrackerError
-        If a node ends early, or nothing was answered.
+        If others use its topics, a node ends early, or nothing was answered.
     """
     processes: list[subprocess.Popen[bytes]] = []
     # A closing terminal or a killed script ends the nodes too.
@@ -90,6 +92,8 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
     try:
         rclpy.init()
         node = rclpy.create_node('demo')
+        time.sleep(DISCOVERY)
+        _refuse_others(node)
         listener = Listener(node, hands, owners)
         robot = None
         if loaded is not None:
@@ -114,6 +118,23 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         for process in processes:
             _stop(process)
         rclpy.try_shutdown()
+
+
+def _refuse_others(node: Node, *own: str) -> None:
+    """Refuse to run where others than the demo's own nodes use a topic of the demo."""
+    for topic in USUAL_TOPIC, '/joint_states', '/robot/command':
+        names = [full_name(one) for one in (*node.get_publishers_info_by_topic(topic),
+                                            *node.get_subscriptions_info_by_topic(topic))]
+        # Each of them has one endpoint of a topic: a second one is another's of its name.
+        for name in own:
+            if name in names:
+                names.remove(name)
+        if others := list(filter(None, names)):
+            domain = 78 if os.environ.get('ROS_DOMAIN_ID') == '77' else 77
+            raise HandTrackerError(
+                f'{topic} is used by {others[0]}, which the demo would disturb, and with it any '
+                'robot that follows: end it, or run the demo in another ROS domain: '
+                f'ROS_DOMAIN_ID={domain} scripts/demo')
 
 
 def _complete_kernels(kernel_set: str, what: str) -> None:
@@ -159,6 +180,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
         processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
                                 robot_description=options.robot_description))
         _wait_for('retarget node', processes[-1], node, lambda: robot.is_ready)
+        # Before there is one that another's might be taken for.
+        _refuse_others(node, '/demo', '/retarget')
     print('Starting the tracker ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
                      broadcast='all', auto_size='false',
@@ -177,7 +200,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     if robot is not None:
         # On a busy machine DDS may take seconds longer until those two have met.
         _wait_for('retarget node', processes[0], node, lambda: robot.knows_tracker)
-    # Nothing is played before.
+    # Again, as by now all are discovered; nothing is played before.
+    _refuse_others(node, '/demo', '/retarget', '/hand_tracker', '/replay')
     listener.listen_to_markers()
     due = time.monotonic()
     end: float | None = None

@@ -206,6 +206,40 @@ def test_demo_says_what_is_wrong_before_it_starts(ros, arguments, message, tmp_p
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize('name, topic', [('driver', '/robot/command'), ('demo', '/joint_states')])
+def test_demo_is_refused_beside_others_on_its_topics(ros, name, topic, tmp_path):
+    from helpers.ros_process import watching_node
+    from sensor_msgs.msg import JointState
+
+    with watching_node(name) as node:
+        node.create_subscription(JointState, topic, print, 1)
+        done = run_demo('--robot', '--output', tmp_path)
+    assert done.returncode == 1 and 'Starting the tracker' not in done.stdout
+    assert done.stderr.splitlines()[-1] == (
+        f'hand_tracker demo: {topic} is used by /{name}, which the demo would disturb, and with it '
+        'any robot that follows: end it, or run the demo in another ROS domain: ROS_DOMAIN_ID=77 '
+        'scripts/demo')
+    assert not (tmp_path / 'angles.csv').exists()
+
+
+def test_nodes_beside_the_demos_own_are_found_also_by_the_same_names(ros, monkeypatch):
+    from hand_tracker.cli import demo_run
+
+    def graph(*names):
+        found = [SimpleNamespace(node_name=name, node_namespace='/') for name in names]
+        return SimpleNamespace(get_publishers_info_by_topic=lambda topic: found[::2],
+                               get_subscriptions_info_by_topic=lambda topic: found[1::2])
+
+    own = '/demo', '/hand_tracker'
+    demo_run._refuse_others(graph('demo', 'hand_tracker', '_NODE_NAME_UNKNOWN_'), *own)
+    demo_run._refuse_others(graph(), *own)
+    monkeypatch.setenv('ROS_DOMAIN_ID', '77')
+    for names, other in ((('demo', 'hand_tracker', 'rviz'), 'rviz'),
+                         (('hand_tracker', 'demo', 'hand_tracker'), 'hand_tracker')):
+        with pytest.raises(HandTrackerError, match=f'^/markers is used by /{other}, .*ID=78 '):
+            demo_run._refuse_others(graph(*names), *own)
+
+
 def test_demo_refuses_a_robot_of_the_other_side_before_it_starts(ros, tmp_path):
     (tmp_path / 'left.urdf').write_text(urdf(wide_hand('left')))
     done = run_demo('--robot', tmp_path / 'left.urdf', '--output', tmp_path / 'out')
