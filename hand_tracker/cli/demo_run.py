@@ -129,7 +129,8 @@ def _refuse_others(node: Node, *own: str) -> None:
         for name in own:
             if name in names:
                 names.remove(name)
-        if others := list(filter(None, names)):
+        # Hidden nodes listen, as `ros2 topic echo` does.
+        if others := [name for name in names if name and '/_' not in name]:
             domain = 78 if os.environ.get('ROS_DOMAIN_ID') == '77' else 77
             raise HandTrackerError(
                 f'{topic} is used by {others[0]}, which the demo would disturb, and with it any '
