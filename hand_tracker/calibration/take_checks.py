@@ -1,10 +1,12 @@
 """Checks of takes before a fit: reasons to refuse them, and weaknesses."""
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
+from ..core.model.marker_layout import LANDMARKS_OF_DIGIT
 from .hand_faults import KNUCKLE_DISTANCE, UNITS, bend_to_back, unit_of
 from .layout_names import layout_hint
 from .marker_fit import split_palm
@@ -19,6 +21,7 @@ MOST_CHANGE = .005               # [m] of a palm's distance from take to take, o
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
+REACH_PERCENTILE = 95.           # of a marker's distances from the wrist; ours
 LEAST_BEND = .03                 # [m] range of a finger's marker over the palm, of one take of many
 
 
@@ -73,6 +76,7 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
             _check_side(take.name, side, gathered, worn, own, LEAST_BEND)
     _check_side(named, side, gathered, worn, local, LEAST_MOTION)
     weak = [*_other_palms(takes), *_check_motion(named, gathered, worn, local)]
+    _check_order(named, gathered.names, worn, local)
     others = [f'{name} for {place}' for name, place in zip(worn, PAPER_PALM) if name != place]
     if others and not gathered.usual:   # else all markers are tracked
         weak.append(f'the palm of the hand file has {", ".join(others)}: what is tracked has to '
@@ -161,7 +165,7 @@ def _palm_distances(take: MarkerTake) -> np.ndarray:
 
 def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
                   local: np.ndarray) -> list[str]:
-    """Return the digits without motion; refuse still hands, and wrong labels."""
+    """Return the digits without motion; refuse still hands."""
     ends = local[:, [_column(gathered, name) for name in worn[3:]]]
     middle = np.nanmedian(ends, axis=0)
     spread = np.nanpercentile(np.linalg.norm(ends - middle, axis=2), 95., axis=0)
@@ -169,15 +173,53 @@ def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
         raise InvalidTake(f'{named}: the hand does not move: no finger by more than '
                           f'{1e3 * np.nanmax(spread):.0f} mm in the palm; expected each finger '
                           'bent and straightened, and the thumb moved about')
-    across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
-    if not (np.diff(across) < 0.).all():
-        first = int(np.argmax(np.diff(across) >= 0.))
-        raise InvalidTake(f'{named}: the markers of {FINGERS[first]} and {FINGERS[first + 1]} '
-                          'finger lie in the wrong order beside each other: wrong labels; '
-                          'expected each marker with its own (--markers, --label)')
     return [f'the {digit}{"" if digit == "thumb" else " finger"} hardly moves: what its markers '
             'could tell is taken from other hands'
             for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]
+
+
+def _check_order(named: str, names: list[str], worn: tuple[str, ...], local: np.ndarray) -> None:
+    """Refuse markers whose order across the fingers, or along a digit, contradicts their labels.
+
+    Parameters
+    ----------
+    named, worn, local
+        As of `_check_side`.
+    names : list of str
+        Of the markers.
+    """
+    seen = np.isfinite(local).all(axis=2).any(axis=0)
+    names, local = [name for name, is_seen in zip(names, seen) if is_seen], local[:, seen]
+    across = -np.nanmedian(local[..., 1], axis=0)
+    # Bent digits end nearer to the wrist than they reach, so the farthest frames count.
+    reach = np.nanpercentile(np.linalg.norm(local, axis=2), REACH_PERCENTILE, axis=0)
+    rows = [(across, row, 'beside each other') for row in (
+        worn[3:3 + len(FINGERS)], *([f'{finger}_{joint}' for finger in FINGERS]
+                                    for joint in ('mcp', 'pip', 'dip', 'tip')))]
+    rows += [(reach, (f'{digit}_{"cmc" if digit == "thumb" else "mcp"}', *places),
+              'along the digit') for digit, places in LANDMARKS_OF_DIGIT.items()]
+    pairs = [(values, pair, where) for values, row, where in rows
+             for pair in combinations([name for name in row if name in names], 2)]
+
+    def least(named_so: list[str]) -> tuple[float, tuple[str, str], str]:
+        """Return the least gap in order, the pair that has it, and where."""
+        return min((float(np.diff(values[[named_so.index(name) for name in pair]])[0]), pair, where)
+                   for values, pair, where in pairs)
+
+    gap, pair, where = least(names)
+    if gap > 0.:
+        return
+
+    def least_if_exchanged(two: tuple[str, str]) -> float:
+        return least([{two[0]: two[1], two[1]: two[0]}.get(name, name) for name in names])[0]
+
+    placed = sorted({name for _, of_pair, _ in pairs for name in of_pair})
+    likeliest = (pair if least_if_exchanged(pair) > 0. else
+                 max(combinations(placed, 2), key=least_if_exchanged))
+    cause = (f', {" and ".join(likeliest)} exchanged, it seems'
+             if least_if_exchanged(likeliest) > 0. else '')
+    raise InvalidTake(f'{named}: {" and ".join(pair)} lie in the wrong order {where}: wrong labels'
+                      f'{cause}; expected each marker with its own (--markers, --label)')
 
 
 def _check_side(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import combinations
 from os import PathLike
 from pathlib import Path
 
@@ -41,9 +42,9 @@ def named_labels(text: str, names: Sequence[str] = MARKERS,
     Raises
     ------
     InvalidLabel
-        Naming what is no MARKER=LABEL.
+        Naming what is no MARKER=LABEL, or the two markers of one label.
     """
-    found = {}
+    found: dict[str, str] = {}
     sided = [f'{one}_{name}' for one in SIDES for name in names] if side == BOTH else ()
     for one in filter(None, (part.strip() for part in text.split(','))):
         marker, given, label = one.partition('=')
@@ -51,6 +52,10 @@ def named_labels(text: str, names: Sequence[str] = MARKERS,
             raise InvalidLabel(f"markers: '{one}'; expected MARKER=LABEL, the marker being one "
                                f'of {", ".join(names)}')
         found[marker.strip()] = label.strip()
+    for first, second in combinations(found, 2):
+        if found[first] == found[second]:
+            raise InvalidLabel(f"markers: '{found[first]}' for both {first} and {second}; expected "
+                               'a label of its own for each')
     return found
 
 

@@ -8,9 +8,10 @@ from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 
 from hand_tracker.calibration.take_checks import check_takes
-from hand_tracker.calibration.take_files import load_take
+from hand_tracker.calibration.take_files import load_take, recorded_take
 from hand_tracker.calibration.takes import InvalidTake
 from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.layout_presets import preset_layout
 
 
 @cache
@@ -66,6 +67,25 @@ def test_exchanged_labels_of_fingers_are_refused():
     names[3], names[5] = names[5], names[3]
     with pytest.raises(InvalidTake, match='wrong order beside each other: wrong labels'):
         check_takes([take._replace(names=tuple(names))])
+
+
+@pytest.mark.parametrize('exchanged', (
+    ('middle_pip', 'ring_pip'), ('index_tip', 'middle_tip'), ('index_mcp', 'index_pip'),
+    ('thumb_mcp', 'thumb_ip'), ('index_dip', 'ring_tip')))
+def test_two_exchanged_labels_among_many_are_refused_by_name(exchanged):
+    take = good_take()
+    first, second = exchanged
+    names = tuple({first: second, second: first}.get(name, name) for name in take.names)
+    with pytest.raises(InvalidTake, match='wrong order .*: wrong labels, ('
+                       f'{first} and {second}|{second} and {first}) exchanged, it seems; '):
+        check_takes([take._replace(names=names)])
+
+
+@pytest.mark.parametrize(('name', 'layout'), (
+    ('sig18__user1_left', 'sig18_19'), ('sig18__user1_right', 'sig18_19'),
+    ('dfki__pillow', 'dfki13')))
+def test_right_labels_of_captures_are_not_refused(name, layout):
+    check_takes([recorded_take(capture_path(name), layout=preset_layout(layout))])
 
 
 def test_missing_markers_are_named():

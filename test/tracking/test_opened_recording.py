@@ -375,6 +375,10 @@ def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
 @pytest.mark.parametrize('arguments, message', [
     (['inspect', 'none.c3d'], 'no such file'),
     (['track', '{file}', '-o', 'out.csv', '--markers', 'nose=A'], "'nose=A'; expected MARKER="),
+    (['track', '{file}', '-o', 'out.csv', '--markers', 'index=A, middle=A'],
+     "'A' for both index and middle; expected a label of its own for each"),
+    (['calibrate', '{file}', '-o', 'out.yaml', '--markers', 'index=A', '--markers', 'middle=A'],
+     "'A' for both index and middle"),
     (['track', '{file}', '-o', 'out.csv', '--side', 'left'],
      'thumb of a left hand; expected --side right, of which they are, or --markers wrist='),
     (['track', '{file}', '-o', 'out.csv', '--units', 'm'],
