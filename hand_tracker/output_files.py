@@ -1,5 +1,6 @@
 """Output files: checked before the work, written beside their place, renamed when complete."""
 
+import filecmp
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -108,6 +109,36 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         unfinished = folder / path.name
         write(unfinished)
         os.replace(unfinished, path)
+
+
+def write_keeping_replaced(path: Path, write: Callable[[Path], object]) -> Path | None:
+    """Write a file as `write_whole` does; keep another one that is at its place.
+
+    Parameters
+    ----------
+    path, write
+        As of `write_whole`.
+
+    Returns
+    -------
+    Path or None
+        Where the replaced file is now, instead of one kept before: path.old; None where there was
+        none, or one of the same content.
+
+    Raises
+    ------
+    OutputError
+        As by `write_whole`.
+    """
+    kept = path.with_name(f'{path.name}.old')
+    with folder_beside(path, OutputError) as folder:
+        unfinished = folder / path.name
+        write(unfinished)
+        is_another = path.exists() and not filecmp.cmp(unfinished, path, shallow=False)
+        if is_another:
+            os.replace(path, kept)
+        os.replace(unfinished, path)
+    return kept if is_another else None
 
 
 def write_whole_text(path: Path, text: str) -> None:

@@ -11,8 +11,13 @@ import numpy as np
 from ..core.model.hand import FINGERS, FLEXION_JOINTS, WEARER_LIMITS, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..drawing.fit_picture import FittedPose, save_fit_picture
-from ..files.hand_file import save_hand
-from ..output_files import PICTURE_SUFFIXES, YAML_SUFFIXES, require_writable
+from ..files.hand_file import hand_text
+from ..output_files import (
+    PICTURE_SUFFIXES,
+    YAML_SUFFIXES,
+    require_writable,
+    write_keeping_replaced,
+)
 from ..progress import Progress, bar
 from .angle_uncertainty import angle_uncertainty, uncertainty_lines, uncertainty_range
 from .coverage import Covered, coverage, missing_movements
@@ -80,9 +85,10 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
             print('note: what a ruler says is not used, as joints tell all lengths',
                   file=sys.stderr)
         joints = landmark_frames(gathered) * takes[0].mirror
-        save_hand(output, fit_hand(joints, takes[0].side, limits), layout or MarkerLayout())
+        kept = _written(output, hand_text(
+            fit_hand(joints, takes[0].side, limits), layout or MarkerLayout()))
         return (f'{output}: a hand with markers at its joints, as these are no markers on '
-                'the skin: joints of a skeleton')
+                f'the skin: joints of a skeleton{_kept(kept)}')
     doubts = ruler_doubts(gathered, takes[0].side)
     for doubt in (*weaknesses, *doubts):
         print(f'note: {doubt}', file=sys.stderr)
@@ -108,16 +114,29 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     lines = [verdict, '', *report.lines(), '',
              *_unusual_bends(fit.hand), *uncertainty_lines(deviations), '',
              *_coverage_lines(covered)]
-    save_hand(output, fit.hand, worn)
-    with open(output, 'a', encoding='utf-8') as file:
-        file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
-                           ('', f'Fitted to {", ".join(take.name for take in takes)}:', *lines,
-                            '', *report.table())))
+    kept = _written(output, hand_text(fit.hand, worn) + ''.join(
+        f'# {line}'.rstrip() + '\n' for line in (
+            '', f'Fitted to {", ".join(take.name for take in takes)}:', *lines, '',
+            *report.table())))
     print('\n'.join(lines))
-    save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
+    kept_picture = write_keeping_replaced(picture, lambda unfinished: save_fit_picture(
+        unfinished, fit.hand, _pictured(fit, gathered)))
     return (f'{output}: {takes[0].side} hand of {1e3 * fit.length:.0f} mm (standard deviation '
             f'{1e3 * fit.length_deviation:.0f} mm), and at its end each fitted parameter '
-            f'with its standard deviation; its markers are drawn in {picture}')
+            f'with its standard deviation; its markers are drawn in {picture}'
+            f'{_kept(kept, kept_picture)}')
+
+
+def _written(output: Path, text: str) -> Path | None:
+    """Write a hand file; return where the one that it replaced is now, if there was one."""
+    return write_keeping_replaced(
+        output, lambda unfinished: unfinished.write_text(text, encoding='utf-8'))
+
+
+def _kept(*replaced: Path | None) -> str:
+    """Return the end of a message on where replaced files are, if there are any."""
+    named = ' and '.join(str(path) for path in replaced if path)
+    return f'; what was there before is now {named}' if named else ''
 
 
 def _repaired(takes: Sequence[MarkerTake], prepare: Callable[[], object]) -> list[MarkerTake]:

@@ -54,6 +54,24 @@ def test_hand_file_and_picture_are_written(tmp_path, capsys):
     assert printed.startswith('the hand fits ') and 'not observed' not in printed
 
 
+def test_a_hand_file_that_is_replaced_is_kept_beside_the_new_one(tmp_path, capsys):
+    output = tmp_path / 'my_hand.yaml'
+    command = [str(written(tmp_path / 'take.npz', simulated_take(
+        HAND, WORN_PLACES, seconds=8.)[0])), '-o', str(output)]
+    old, old_picture = (tmp_path / f'my_hand.{one}.old' for one in ('yaml', 'png'))
+    assert main(command) == 0 and main(command) == 0
+    assert 'before' not in capsys.readouterr().out and not old.exists()
+    first, picture = output.read_text('utf-8'), output.with_suffix('.png').read_bytes()
+    assert main([*command, '--hand-length', '180']) == 0
+    closing = capsys.readouterr().out.splitlines()[-1]
+    assert closing.endswith(f'; what was there before is now {old} and {old_picture}')
+    assert (old.read_text('utf-8'), old_picture.read_bytes()) == (first, picture)
+    assert output.read_text('utf-8') != first and load_hand(output)
+    second = output.read_text('utf-8')
+    assert main(command) == 0
+    assert old.read_text('utf-8') == second and output.read_text('utf-8') == first
+
+
 def test_the_verdict_names_the_movements_that_the_take_lacks(tmp_path, capsys):
     take, _ = simulated_take(HAND, WORN_PLACES, seconds=8., motions=('power_grasp',))
     assert main([str(written(tmp_path / 'take.npz', take)), '-o', str(tmp_path / 'a.yaml')]) == 0
