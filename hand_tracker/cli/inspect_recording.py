@@ -15,11 +15,11 @@ import numpy as np
 from ..calibration.hand_axes import SURE, is_body, likelier_unit, mirrored_hands, side_by_shape
 from ..calibration.hand_labels import are_nameless
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
+from ..calibration.known_layouts import LikelyLayout, first_complete, has_both, likely_layouts
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
 from ..files.recordings import BVH, C3D, is_named_as_recording
 from ..messages.labels import WITHOUT_LABELS
@@ -145,10 +145,22 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     except UnknownMarkers as error:
         if not given and is_body_of_markers(recording):
             return shlex.join([*spliced, _output(path, f'_hands{C3D.suffixes[0]}')])
-        given |= {marker: UNKNOWN_LABEL for marker in error.missing}
+        by_number = '' if given or layouts else _layout_by_number(recording)
+        words += ['--layout', by_number] if by_number else []
+        given |= dict.fromkeys(
+            preset_layout(by_number).names if by_number else error.missing, UNKNOWN_LABEL)
     if given:
         words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
     return shlex.join(words)
+
+
+def _layout_by_number(recording: PointRecording) -> str:
+    """Return the preset of more than eight markers of which the labelled points may be a hand."""
+    labelled = [column for column, label in enumerate(recording.labels) if label]
+    likely = likely_layouts(recording._replace(
+        labels=('',) * len(labelled), points=recording.points[:, labelled]))
+    name = likely[0].name if likely else PAPER_LAYOUT
+    return name if len(preset_layout(name).names) > len(MARKERS) else ''
 
 
 def _output(path: Path, end: str) -> str:

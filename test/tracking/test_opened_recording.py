@@ -306,6 +306,24 @@ def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, cap
     assert '--markers wrist=LABEL,index_mcp=LABEL' in line
 
 
+def test_inspect_asks_for_the_labels_of_as_many_markers_as_a_layout_has(
+        tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = preset_layout('vicon_production5').names
+    recording, _ = vicon_recording(tuple(f'Anna:Q{i}q' for i in range(len(names))), 60)
+    write_recording('own.trc', recording)
+    assert main(['inspect', 'own.trc']) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert line.startswith("next, if a hand's markers are among them, with their labels in place")
+    command = line.partition(': hand_tracker ')[2]
+    assert ' --layout vicon_production5 --markers WRA=LABEL,WRB=LABEL,' in command
+    assert command.count('=LABEL') == len(names)
+    for i in range(len(names)):
+        command = command.replace('=LABEL', f'=Q{i}q', 1)
+    assert main([*command.split(), '--side', 'left']) == 0
+    assert '60 of 60 frames tracked' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize('output', ['out.c3d', 'out.trc', 'out.tsv', 'out.csv', 'out.npz',
                                     'out.mcap', 'out.bvh', 'out.glb', 'OUT.NPZ', 'OUT.MCAP'])
 def test_convert_writes_what_is_read_again(tracked, tmp_path, output, capsys):
