@@ -32,8 +32,13 @@ def main(arguments: list[str] | None = None) -> int:
     # Here, so that a wrong option is reported at once.
     from ..calibration.known_layouts import likely_layouts
     from ..calibration.recorded_points import recorded_points
+    from ..files.recordings import RecordingError, recordings_at
     from .inspect_recording import next_command, summary, summary_lines
 
+    first, *_ = inside = recordings_at(options.recording)[0]
+    if first != options.recording:
+        raise RecordingError(f'{options.recording}: a folder with recordings, {len(inside)} in '
+                             f'number; expected one of them, as {first}')
     recording = recorded_points(options.recording, reading_options(options))
     layouts = likely_layouts(recording)
     found = summary(recording, layouts)

@@ -306,6 +306,14 @@ def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, cap
     assert '--markers wrist=LABEL,index_mcp=LABEL' in line
 
 
+def test_inspect_names_a_recording_of_a_folder(tmp_path, capsys):
+    for name in ('b.trc', 'a.trc'):
+        write_recording(tmp_path / name, hand_recording(40))
+    assert main(['inspect', str(tmp_path)]) == 1
+    assert capsys.readouterr().err.endswith(
+        f': a folder with recordings, 2 in number; expected one of them, as {tmp_path / "a.trc"}\n')
+
+
 def test_inspect_asks_for_the_labels_of_as_many_markers_as_a_layout_has(
         tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
