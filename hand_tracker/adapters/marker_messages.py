@@ -27,6 +27,8 @@ MARKER_MESSAGES: dict[str, MessageKind] = {
     NAMED_POSE_MESSAGE: NAMED_LANDMARKS,
     **{LANDMARKS_AS_MARKERS[count]: kind for count, kind in LANDMARK_MARKERS.items()},
     'point_cloud': POINT_CLOUD}
+# By their types, of those of one type the first.
+MESSAGE_OF_TYPE = {kind.type: name for name, kind in reversed(MARKER_MESSAGES.items())}
 # Of the source node: messages of each source, the usual one first; FIRST stands for it.
 MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
                'landmarks': ('pose_array', NAMED_POSE_MESSAGE, 'marker_array')}

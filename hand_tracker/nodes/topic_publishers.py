@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -28,7 +28,8 @@ def full_name(endpoint: TopicEndpointInfo) -> str | None:
 
 
 def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
-                  message_type: str = MARKER_ARRAY) -> str | None:
+                  message_type: str = MARKER_ARRAY,
+                  values: Mapping[str, str] | None = None) -> str | None:
     """Explain why the publishers of a topic may deliver no markers.
 
     Parameters
@@ -38,6 +39,8 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
         That this node asks for.
     message_type : str, optional
         Of the markers.
+    values : mapping of str to str, optional
+        Of the parameter `marker_message` by type, where this node has it.
 
     Returns
     -------
@@ -49,7 +52,9 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
     for endpoint in endpoints:
         name = full_name(endpoint) or UNDISCOVERED
         if endpoint.topic_type != message_type:
-            return f'{name} publishes {endpoint.topic_type}, not {message_type}'
+            value = (values or {}).get(endpoint.topic_type)
+            return (f'{name} publishes {endpoint.topic_type}, not {message_type}'
+                    + (f' (marker_message:={value})' if value else ''))
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
             return (f'{name} publishes with best effort, and qos.markers.reliability here is '
                     'reliable')

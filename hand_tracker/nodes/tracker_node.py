@@ -15,7 +15,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
-from ..adapters.marker_messages import MARKER_MESSAGES
+from ..adapters.marker_messages import MARKER_MESSAGES, MESSAGE_OF_TYPE
 from ..adapters.point_frame import SourceUnavailable
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
@@ -279,7 +279,8 @@ class TrackerNode(SubscriptionHidingNode):
     def who_publishes(self, topic: str) -> str | None:
         """Return a line on the publishers of a topic of markers."""
         return who_publishes(
-            self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type)
+            self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type,
+            MESSAGE_OF_TYPE)
 
     def publisher_name(self, topic: str, guid: bytes) -> str | None:
         """Return the full name of the node that publishes on a topic with a GUID.

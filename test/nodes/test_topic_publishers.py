@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from hand_tracker.adapters.marker_messages import MESSAGE_OF_TYPE
 from hand_tracker.nodes.topic_publishers import UNNAMED_NODE, full_name, who_publishes
 
 NEEDS = 'rclpy',
@@ -27,6 +28,14 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE',
     ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
 def test_says_why_nothing_may_come(endpoints, reliability, said):
     assert said in who_publishes(endpoints, reliability)
+
+
+@pytest.mark.parametrize('kind, type, end', [
+    ('sensor_msgs/msg/PointCloud2', 'visualization_msgs/msg/MarkerArray', 'point_cloud)'),
+    ('visualization_msgs/msg/MarkerArray', 'sensor_msgs/msg/PointCloud2', 'marker_array)'),
+    ('std_msgs/msg/String', 'sensor_msgs/msg/PointCloud2', 'not sensor_msgs/msg/PointCloud2')])
+def test_the_parameter_that_takes_messages_of_another_type_is_named(kind, type, end):
+    assert who_publishes([endpoint(kind)], 'reliable', type, MESSAGE_OF_TYPE).endswith(end)
 
 
 def test_there_may_be_no_publisher():
