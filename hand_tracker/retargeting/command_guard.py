@@ -284,7 +284,8 @@ class CommandGuard:
         if beyond.max() > self.options.outside_limits:
             joint = int(beyond.argmax())
             return (f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
-                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
+                    f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}: move it within them, '
+                    'or raise safety.outside_limits')
         return ''
 
     def _end_silence(self, now: float) -> bool:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 # [m/s] of markers in the fastest tenth of a recording: captured hands up to 0.7, one with a rate
 # four times too high 1.8. Ours.
 FAST_HAND = 1.5
+OTHER_UNIT = 100.   # [m/s] from which on the unit is wrong, not the rate: told elsewhere
 
 
 class MarkerChoice(NamedTuple):
@@ -237,7 +238,7 @@ def _rate_doubt(points: np.ndarray, rate: float) -> tuple[str, ...]:
     fast = float(np.percentile(speeds, 90.)) if speeds.size and math.isfinite(rate) else 0.
     return (f'a tenth of the time its markers move at {fast:.1f} m/s or more, which hands hardly '
             f'do: is {rate:g} Hz its rate (--frame-rate)? With too high a one fast fingers lag',
-            ) if fast > FAST_HAND else ()
+            ) if FAST_HAND < fast < OTHER_UNIT else ()
 
 
 def _left_out(recording: PointRecording, choice: MarkerChoice,
