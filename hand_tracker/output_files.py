@@ -2,6 +2,7 @@
 
 import filecmp
 import os
+import shutil
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,7 +113,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_keeping_replaced(path: Path, write: Callable[[Path], object]) -> Path | None:
-    """Write a file as `write_whole` does; keep another one that is at its place.
+    """Write a file as `write_whole` does; keep a copy of another one that is at its place.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def write_keeping_replaced(path: Path, write: Callable[[Path], object]) -> Path 
     Returns
     -------
     Path or None
-        Where the replaced file is now, instead of one kept before: path.old; None where there was
+        The copy of the replaced file, in place of one kept before: path.old; None where there was
         none, or one of the same content.
 
     Raises
@@ -130,15 +131,16 @@ def write_keeping_replaced(path: Path, write: Callable[[Path], object]) -> Path 
     OutputError
         As by `write_whole`.
     """
-    kept = path.with_name(f'{path.name}.old')
-    with folder_beside(path, OutputError) as folder:
-        unfinished = folder / path.name
+    old, kept = path.with_name(f'{path.name}.old'), []
+
+    def write_and_keep(unfinished: Path) -> None:
         write(unfinished)
-        is_another = path.exists() and not filecmp.cmp(unfinished, path, shallow=False)
-        if is_another:
-            os.replace(path, kept)
-        os.replace(unfinished, path)
-    return kept if is_another else None
+        if path.exists() and not filecmp.cmp(unfinished, path, shallow=False):
+            shutil.copy2(path, old)
+            kept.append(old)
+
+    write_whole(path, write_and_keep)
+    return kept[0] if kept else None
 
 
 def write_whole_text(path: Path, text: str) -> None:

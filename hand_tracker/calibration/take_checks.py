@@ -21,6 +21,8 @@ MOST_CHANGE = .005               # [m] of a palm's distance from take to take, o
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
 LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
+ACROSS = 'beside each other'
+ORDER_MARGIN = .005              # [m] of markers in order, which right ones had 7.7 mm of
 REACH_PERCENTILE = 95.           # of a marker's distances from the wrist; ours
 LEAST_BEND = .03                 # [m] range of a finger's marker over the palm, of one take of many
 
@@ -181,6 +183,9 @@ def _check_motion(named: str, gathered: Gathered, worn: tuple[str, ...],
 def _check_order(named: str, names: list[str], worn: tuple[str, ...], local: np.ndarray) -> None:
     """Refuse markers whose order across the fingers, or along a digit, contradicts their labels.
 
+    Along a digit alone only where two labels, exchanged, put all in order: a digit that is bent
+    throughout ends nearer to the wrist than it reaches.
+
     Parameters
     ----------
     named, worn, local
@@ -191,9 +196,9 @@ def _check_order(named: str, names: list[str], worn: tuple[str, ...], local: np.
     seen = np.isfinite(local).all(axis=2).any(axis=0)
     names, local = [name for name, is_seen in zip(names, seen) if is_seen], local[:, seen]
     across = -np.nanmedian(local[..., 1], axis=0)
-    # Bent digits end nearer to the wrist than they reach, so the farthest frames count.
+    # The farthest frames count, of stretched digits.
     reach = np.nanpercentile(np.linalg.norm(local, axis=2), REACH_PERCENTILE, axis=0)
-    rows = [(across, row, 'beside each other') for row in (
+    rows = [(across, row, ACROSS) for row in (
         worn[3:3 + len(FINGERS)], *([f'{finger}_{joint}' for finger in FINGERS]
                                     for joint in ('mcp', 'pip', 'dip', 'tip')))]
     rows += [(reach, (f'{digit}_{"cmc" if digit == "thumb" else "mcp"}', *places),
@@ -201,23 +206,28 @@ def _check_order(named: str, names: list[str], worn: tuple[str, ...], local: np.
     pairs = [(values, pair, where) for values, row, where in rows
              for pair in combinations([name for name in row if name in names], 2)]
 
-    def least(named_so: list[str]) -> tuple[float, tuple[str, str], str]:
-        """Return the least gap in order, the pair that has it, and where."""
-        return min((float(np.diff(values[[named_so.index(name) for name in pair]])[0]), pair, where)
-                   for values, pair, where in pairs)
+    def gaps(named_so: list[str]) -> list[tuple[float, tuple[str, str], str]]:
+        """Return each pair's gap in order, the pair, and where."""
+        return [(float(np.diff(values[[named_so.index(name) for name in pair]])[0]), pair, where)
+                for values, pair, where in pairs]
 
-    gap, pair, where = least(names)
-    if gap > 0.:
+    faults = [found for found in gaps(names) if not found[0] > 0.]
+    if not faults:
         return
 
     def least_if_exchanged(two: tuple[str, str]) -> float:
-        return least([{two[0]: two[1], two[1]: two[0]}.get(name, name) for name in names])[0]
+        return min(gaps([{two[0]: two[1], two[1]: two[0]}.get(name, name) for name in names]))[0]
 
+    _, pair, where = min(faults)
     placed = sorted({name for _, of_pair, _ in pairs for name in of_pair})
-    likeliest = (pair if least_if_exchanged(pair) > 0. else
+    likeliest = (pair if least_if_exchanged(pair) > ORDER_MARGIN else
                  max(combinations(placed, 2), key=least_if_exchanged))
-    cause = (f', {" and ".join(likeliest)} exchanged, it seems'
-             if least_if_exchanged(likeliest) > 0. else '')
+    cause = f', {" and ".join(likeliest)} exchanged, it seems'
+    if not least_if_exchanged(likeliest) > ORDER_MARGIN:
+        cause, faults = '', [found for found in faults if found[2] == ACROSS]
+        if not faults:
+            return
+        _, pair, where = min(faults)
     raise InvalidTake(f'{named}: {" and ".join(pair)} lie in the wrong order {where}: wrong labels'
                       f'{cause}; expected each marker with its own (--markers, --label)')
 

@@ -121,21 +121,29 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
 
 
 def _refuse_others(node: Node, *own: str) -> None:
-    """Refuse to run where others than the demo's own nodes use a topic of the demo."""
-    for topic in USUAL_TOPIC, '/joint_states', '/robot/command':
-        names = [full_name(one) for one in (*node.get_publishers_info_by_topic(topic),
-                                            *node.get_subscriptions_info_by_topic(topic))]
+    """Refuse to run where others than the demo's own nodes use a topic, or engage, of the demo."""
+    if not own and '/retarget/engage' in dict(node.get_service_names_and_types()):
+        raise _disturbed('/retarget/engage', '/retarget')
+    for topic in USUAL_TOPIC, '/joint_states', '/robot/joint_states', '/robot/command':
+        # Hidden nodes listen, as `ros2 topic echo` does.
+        names = [full_name(one) for one in node.get_publishers_info_by_topic(topic)] + [
+            name for name in map(full_name, node.get_subscriptions_info_by_topic(topic))
+            if name and '/_' not in name]
         # Each of them has one endpoint of a topic: a second one is another's of its name.
         for name in own:
             if name in names:
                 names.remove(name)
-        # Hidden nodes listen, as `ros2 topic echo` does.
-        if others := [name for name in names if name and '/_' not in name]:
-            domain = 78 if os.environ.get('ROS_DOMAIN_ID') == '77' else 77
-            raise HandTrackerError(
-                f'{topic} is used by {others[0]}, which the demo would disturb, and with it any '
-                'robot that follows: end it, or run the demo in another ROS domain: '
-                f'ROS_DOMAIN_ID={domain} scripts/demo')
+        if others := list(filter(None, names)):
+            raise _disturbed(topic, others[0])
+
+
+def _disturbed(used: str, other: str) -> HandTrackerError:
+    """Return what is raised where another node uses a topic or service of the demo."""
+    domain = 78 if os.environ.get('ROS_DOMAIN_ID') == '77' else 77
+    return HandTrackerError(
+        f'{used} is used by {other}, which the demo would disturb, and with it any robot that '
+        'follows: end it, or run the demo in another ROS domain: '
+        f'ROS_DOMAIN_ID={domain} scripts/demo')
 
 
 def _complete_kernels(kernel_set: str, what: str) -> None:

@@ -18,7 +18,7 @@ from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, first_complete, has_both, likely_layouts
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
-from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
+from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
 from ..files.recordings import BVH, C3D, is_named_as_recording
@@ -159,8 +159,8 @@ def _layout_by_number(recording: PointRecording) -> str:
     labelled = [column for column, label in enumerate(recording.labels) if label]
     likely = likely_layouts(recording._replace(
         labels=('',) * len(labelled), points=recording.points[:, labelled]))
-    name = likely[0].name if likely else PAPER_LAYOUT
-    return name if len(preset_layout(name).names) > len(MARKERS) else ''
+    return next((one.name for one in likely if one.name not in JOINT_CENTRE_PRESETS
+                 and len(preset_layout(one.name).names) > len(MARKERS)), '')
 
 
 def _output(path: Path, end: str) -> str:

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..calibration import LANDMARKS
-from ..core.filtering.noise_estimate import THIRD_DIFFERENCE_GAIN
 from ..core.model.hand import DIGITS
 from ..core.model.layout_presets import preset_layout
+from ..core.numerics.differences import THIRD_GAIN
 from ..core.tracker import HandTracker
 from .capture_fit import fit_to_capture
 from .capture_tracking import track_markers, tracked_joints
@@ -112,7 +112,7 @@ def jitter(joints: np.ndarray, judged: np.ndarray) -> float:
     """Return the jitter of points, (T, 21, 3), over judged frames in a row, (T,) bool [m]."""
     in_a_row = judged[3:] & judged[2:-1] & judged[1:-2] & judged[:-3]
     differences = np.diff(joints, 3, axis=0)[in_a_row]
-    return float(np.sqrt(np.mean(differences**2) / THIRD_DIFFERENCE_GAIN))
+    return float(np.sqrt(np.mean(differences**2) / THIRD_GAIN))
 
 
 def tables(rows: list[Row]) -> list[Table]:

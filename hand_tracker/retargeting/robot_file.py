@@ -143,9 +143,9 @@ def _own_preset(named: str, urdf: str) -> tuple[str, ...]:
     for preset in _presets_named(named):
         with suppress(InvalidRobot):
             load_robot(preset, urdf)
-            return (f"the URDF calls its robot '{named}': the preset {preset} knows more of it, as "
-                    "its tips or its driver's order; give that as the robot, and this URDF as its "
-                    'robot_description',)
+            return (f"the URDF calls its robot '{named}': the preset {preset} may know more of it, "
+                    "as its tips or its driver's order; give that as the robot, and this URDF as "
+                    'its robot_description',)
     return ()
 
 

@@ -265,10 +265,11 @@ def _limits(joint: Element, kind: str, place: str) -> tuple[float, float]:
         raise InvalidRobot(f'{place}: lower limit {lower:g} exceeds upper limit {upper:g}')
     if max(-lower, upper) > FARTHEST_LIMIT:
         raise InvalidRobot(f'{place}: limits {lower:g} to {upper:g}; expected radians or metres')
-    softly = (_number(soft, 'soft_lower_limit', place, 0.),
-              _number(soft, 'soft_upper_limit', place, 0.))
-    if softly == (0., 0.):    # what URDF means by limits that are left out
+    if limit is None:
         return lower, upper
+    # One that is left out counts as none, not as URDF's 0, which few mean.
+    softly = (_number(soft, 'soft_lower_limit', place, lower),
+              _number(soft, 'soft_upper_limit', place, upper))
     kept = max(lower, softly[0]), min(upper, softly[1])
     if kept[0] > kept[1]:
         raise InvalidRobot(f'{place}: soft limits {softly[0]:g} to {softly[1]:g} of its '

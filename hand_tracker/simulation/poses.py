@@ -14,7 +14,7 @@ from ..core.model.capsules import blank_placement, hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.numerics.packs import as_item
-from ..core.pose.contact import Mobility, separate
+from ..core.pose.contact import MAX_ROUNDS, Mobility, separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.
 STRAIGHT_FINGERS = ((3, 4, 5), (0, 3, 5), (2, 3, 5), (4, 4, 5))
@@ -134,7 +134,7 @@ def without_overlaps(hand: Hand, free: np.ndarray, lower: np.ndarray,
     angles = _couple(hand, free, lower, upper)
     separate(as_item(hand_capsules(hand.as_right())), angles,
              Mobility(lower, upper, hand.coupling[:, 0].copy(), CONTACT_MOBILITY),
-             ALLOWED_OVERLAP, blank_placement())
+             ALLOWED_OVERLAP, blank_placement(), MAX_ROUNDS)
     free = np.clip(rounded(angles[FREE_JOINTS]), lower[FREE_JOINTS], upper[FREE_JOINTS])
     return _couple(hand, free, lower, upper)
 

@@ -7,11 +7,13 @@ import pytest
 from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 
+from hand_tracker.calibration.fitted_hand import place_mounted
 from hand_tracker.calibration.take_checks import check_takes
 from hand_tracker.calibration.take_files import load_take, recorded_take
 from hand_tracker.calibration.takes import InvalidTake
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, Hand
 from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.simulation.skin_take import skin_mount
 
 
 @cache
@@ -131,3 +133,16 @@ def test_a_palm_marker_that_slips_is_told_of():
     said = check_takes([take._replace(points=points)])
     assert any('did a marker slip?' in one and 'wrist' in one for one in said)
     assert not any('slip' in one for one in check_takes([take]))
+
+
+def test_a_take_of_bent_fingers_tells_no_order_along_them():
+    hand, time = Hand.scaled(), np.arange(240) / 30.
+    angles = np.tile(hand.relaxed(), (len(time), 1))
+    wave = .5 - .5 * np.cos(2. * np.pi * .4 * time)[:, None]
+    for joints, least, most in zip(FLEXION_JOINTS[:4].T, (40., 60., 25.), (85., 105., 42.)):
+        angles[:, joints] = np.radians(least + (most - least) * wave)
+    points = place_mounted(hand, [skin_mount(hand, name, height=.008) for name in EVERY_JOINT],
+                           angles, np.tile(np.eye(3), (len(time), 1, 1)), np.zeros((len(time), 3)))
+    fists = good_take()._replace(names=tuple(EVERY_JOINT), points=points,
+                                 sequence=np.zeros(len(time), dtype=int))
+    assert all('thumb hardly moves' in weakness for weakness in check_takes([fists]))

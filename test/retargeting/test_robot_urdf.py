@@ -32,12 +32,20 @@ def test_a_tree_is_read_with_limits_mimics_and_parents_first():
 @pytest.mark.parametrize('soft, limits', [
     ('k_velocity="1"', (0., .04)),
     ('k_velocity="1" soft_lower_limit="0.002" soft_upper_limit="0.03"', (.002, .03)),
-    ('k_velocity="1" soft_lower_limit="-1" soft_upper_limit="0.03"', (0., .03))])
+    ('k_velocity="1" soft_lower_limit="-1" soft_upper_limit="0.03"', (0., .03)),
+    ('k_velocity="1" soft_lower_limit="0.01"', (.01, .04))])
 def test_soft_limits_narrow_the_limits(soft, limits):
     text = GRIPPER.replace('velocity="0.2"/></joint>',
                            f'velocity="0.2"/><safety_controller {soft}/></joint>')
     slide = read_urdf_tree(text).joints[0]
     assert (slide.lower, slide.upper) == limits
+
+
+def test_soft_limits_of_a_joint_without_limits_do_not_count():
+    soft = ('<safety_controller k_velocity="1" soft_lower_limit="0.1" soft_upper_limit="0.9"/>')
+    tree = read_urdf_tree(robot(JOINT.format('j', 'fixed', 'a', 'b', soft),
+                                JOINT.format('k', 'continuous', 'b', 'c', soft)))
+    assert [joint.upper for joint in tree.joints] == [0., np.pi]
 
 
 def test_soft_limits_beyond_the_limits_are_refused():

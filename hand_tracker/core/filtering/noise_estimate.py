@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numerics.differences import latest_difference
+from ..numerics.differences import THIRD, THIRD_GAIN, latest_difference
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.vectors import clamp
 
 TRACKED_QUANTILE = .25        # of the squared third differences
 CHI_SQUARE_QUANTILE = 1.213   # that quantile of a χ² of 3 degrees of freedom
-THIRD_DIFFERENCE_GAIN = 20.   # variance of a third difference over the noise's: 1 + 9 + 9 + 1
 NOISE_TIME = .3               # [s] time constant of the estimate
 MIN_NOISE = 1e-5              # [m] lower limit of the estimate
 PALM_ERROR_INFLATION = 3.     # of the smoothed palm's variance: its errors are correlated
@@ -70,10 +69,10 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
             continue
         square = 0.
         for k in range(3):
-            square += latest_difference(noise.past[i, :, k], markers[i, k]) ** 2
+            square += latest_difference(noise.past[i, :, k], markers[i, k], THIRD) ** 2
         if noise.consecutive[i] == 3:
             variance = follow_quantile(
-                noise.deviation[i] ** 2, square / (CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN),
+                noise.deviation[i] ** 2, square / (CHI_SQUARE_QUANTILE * THIRD_GAIN),
                 steps)
             noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, highest)
         noise.consecutive[i] = min(noise.consecutive[i] + 1, 3)

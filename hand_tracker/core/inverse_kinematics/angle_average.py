@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.noise_estimate import NOISE_TIME, TRACKED_QUANTILE
-from ..numerics.differences import latest_difference
+from ..numerics.differences import FIFTH, FIFTH_GAIN, latest_difference
 from ..numerics.jit import jit
 from ..numerics.running_quantile import follow_quantile, quantile_steps
 from ..numerics.stack_memory import local_floats
@@ -28,8 +28,6 @@ from .digit import CHAIN_JOINTS
 # that of the palm's pose.
 SLOWER_NOISE_VARIANCE = 2.
 AVERAGING_TIME = .2           # [s] of a component that moves within the noise, at most
-HISTORY = 5                   # frames before one, which with it tell the noise
-FIFTH_DIFFERENCE_GAIN = 252.  # variance of a fifth difference over the noise's
 SINGLE_CHI_SQUARE = .1015     # tracked quantile of a χ² of 1 degree of freedom
 UNKNOWN_NOISE = .3            # [1] of a component before any is learned
 NOISE_RANGE = 1e-3, 1.        # [1] of a component
@@ -47,10 +45,10 @@ class AngleAverage(NamedTuple):
     variance, noise_variance : ndarray, shape (25,)
         Of each joint's component and of its noise, that of the fit being 1 [1].
     past : ndarray, shape (25, 5)
-        Last five fitted angles, newest first [rad].
+        Last five fitted angles, newest first; NaN before the consecutive ones [rad].
     consecutive : ndarray of int, shape (25,)
-        Consecutive frames, at most 3, from which on the noise is learned; 0 begins an average
-        anew, 1 its past alone. Of a chain, its first joint's counts.
+        Consecutive frames, at most 3; 0 begins an average anew, 1 its past alone. Of a chain,
+        its first joint's counts.
     """
 
     angles: np.ndarray
@@ -64,7 +62,7 @@ def initial_average(angles: np.ndarray) -> AngleAverage:
     """Return the `AngleAverage` before the first frame, at angles of shape (25,) [rad]."""
     count = len(angles)
     return AngleAverage(angles.copy(), np.zeros(count), np.full(count, UNKNOWN_NOISE ** 2),
-                        np.zeros((count, HISTORY)), np.zeros(count, dtype=np.int64))
+                        np.full((count, len(FIFTH)), np.nan), np.zeros(count, dtype=np.int64))
 
 
 @jit
@@ -96,9 +94,9 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
             state.angles[start + j] = solved[j]
         off[j] = solved[j] - state.angles[start + j]
         if known == 0 or step > 0.:
-            latest[j] = latest_difference(state.past[start + j], solved[j])
+            latest[j] = latest_difference(state.past[start + j], solved[j], FIFTH)
             if known < 2:
-                state.past[start + j] = solved[j]
+                state.past[start + j, 1:] = math.nan
             state.consecutive[start + j] = min(known + 1, 3)
     shown = 1. - math.exp(-step / INNOVATION_TIME) if step > 0. else 1.
     steps = quantile_steps(step / NOISE_TIME, TRACKED_QUANTILE)
@@ -109,10 +107,10 @@ def average_angles(state: AngleAverage, digit: int, joints: tuple[int, int], sol
             innovation += factor[k, j] * off[k]
             difference += factor[k, j] * latest[k]
         noise = state.noise_variance[start + j]
-        if known == 3:
+        if known == 3 and not math.isnan(difference):
             noise = clamp(
                 follow_quantile(noise, difference * difference
-                                / (SINGLE_CHI_SQUARE * FIFTH_DIFFERENCE_GAIN), steps),
+                                / (SINGLE_CHI_SQUARE * FIFTH_GAIN), steps),
                 NOISE_RANGE[0] ** 2, NOISE_RANGE[1] ** 2)
             state.noise_variance[start + j] = noise
         moved = shown * max(abs(innovation) - math.sqrt(noise), 0.)

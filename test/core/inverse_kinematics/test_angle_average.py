@@ -1,5 +1,7 @@
 """Digits with several markers: still, their angles are quiet; moving, they are not late."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -171,3 +173,15 @@ def test_a_fast_motion_at_a_low_rate_is_not_taken_for_noise():
         off.append((found - angles)[60:, 3].std())
     # Three times as far by third differences.
     assert off[0] < 1.3 * off[1]
+
+
+@pytest.mark.parametrize('pause', [4, 8, 20])
+def test_interruptions_of_a_moving_average_teach_no_noise(pause):
+    factor = 100. * np.eye(5)
+    solved = .05 * np.arange(900) + np.random.default_rng(3).normal(scale=1e-3, size=900)
+    state = initial_average(np.zeros(25))
+    for number, angle in enumerate(solved):
+        if number > 480 and number % pause == 0:
+            state.consecutive[0] = min(state.consecutive[0], 1)
+        average_angles(state, 0, (0, 1), np.full(5, angle), factor, 1. / RATE)
+    assert math.sqrt(state.noise_variance[0]) == pytest.approx(.1, rel=.35)
