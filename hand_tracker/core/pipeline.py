@@ -489,20 +489,16 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
             place_capsules(model.capsules, angles, placement)
         ends[0] = ends[1]
     is_placed = False
-    lower, upper = local_floats(25), local_floats(25)
+    last = local_floats(25)
     for joint in range(25):
-        lower[joint], upper[joint] = chains.lower[joint], chains.upper[joint]
-        if not seen[3 + DIGIT_OF_JOINT[joint]]:
-            # A digit that overlapped as it was seen leaves the others without a leap.
-            lower[joint] = min(max(lower[joint], angles[joint] - turn), upper[joint])
-            upper[joint] = max(min(upper[joint], angles[joint] + turn), lower[joint])
+        last[joint] = angles[joint]
         angles[joint] = state.blended[joint]
     if options.rigidity:
         # Starting from the last frame's solution keeps a contact from flickering.
         kept = math.exp(-step / CONTACT_RELEASE_TIME) if any_seen else 1.
         for joint in range(25):
             angles[joint] = clamp(angles[joint] + kept * state.contact_offset[joint],
-                                  lower[joint], upper[joint])
+                                  chains.lower[joint], chains.upper[joint])
         # What is seen is where it is, and hidden digits give way; where none is seen, all stay as
         # they are.
         if any_seen and not all_seen:
@@ -510,11 +506,16 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
             for digit in range(5):
                 slope[digit] = chains.coupling[digit, 0]
                 weight[digit] = 0. if seen[3 + digit] else 1.
-            separate(model.capsules, angles, Mobility(lower, upper, slope, weight),
+            separate(model.capsules, angles,
+                     Mobility(chains.lower[:], chains.upper[:], slope, weight),
                      options.penetration, placement,
                      FRAME_ROUNDS if turn < math.inf else MAX_ROUNDS)
             is_placed = True
         for joint in range(25):
+            # A digit that overlapped as it was seen leaves the others without a leap.
+            if not seen[3 + DIGIT_OF_JOINT[joint]] and abs(angles[joint] - last[joint]) > turn:
+                angles[joint] = last[joint] + math.copysign(turn, angles[joint] - last[joint])
+                is_placed = False
             offset = angles[joint] - state.blended[joint]
             state.contact_offset[joint] = offset if abs(offset) >= MIN_CONTACT_OFFSET else 0.
     state.pushes[:] = 0.

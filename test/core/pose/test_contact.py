@@ -28,6 +28,7 @@ from hand_tracker.core.model.hand import (
 from hand_tracker.core.numerics.packs import packed
 from hand_tracker.core.pose.contact import (
     CONTACT_GAP,
+    FRAME_ROUNDS,
     PENETRATION,
     TOLERANCE_SHARE,
     Mobility,
@@ -146,6 +147,19 @@ def test_easy_poses_stay(name):
     angles = pose_angles(name, HAND)
     assert apart(HAND, angles)[1] == 0
     assert apart(HAND, np.zeros(25))[1] == 0
+
+
+def test_a_frame_takes_few_rounds_and_is_nearer_after_them():
+    linkage = pack_of(HAND)[0][0]
+    mobility = Mobility(*HAND.limits.T.copy(), HAND.coupling[:, 0].copy(), np.append(ALIKE, 0.))
+    deep, rounds = np.empty((2, 300)), []
+    for i, angles in enumerate(wild(HAND, 2, 300)):
+        deep[0, i] = overlap(HAND, angles)
+        rounds.append(separate(linkage, angles, mobility, PENETRATION, blank_placement(),
+                               FRAME_ROUNDS))
+        deep[1, i] = overlap(HAND, angles)
+    assert max(rounds) == FRAME_ROUNDS
+    assert deep[1].mean() < .3 * deep[0].mean()
 
 
 def test_the_fingers_of_a_fist_stay():
