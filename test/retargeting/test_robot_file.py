@@ -74,7 +74,7 @@ def test_commands_have_the_order_in_which_the_urdf_lists_the_joints(preset, side
     # The wrist of the Shadow Hand is left to an arm's controller.
     assert load_robot(str(tmp_path / 'written.yaml')).order == tuple(
         name for name in found.order if name not in found.hand.arm_joints)
-    assert f'the preset {preset} knows more of it' in found.notes[0]
+    assert f'the preset {preset} may know more of it' in found.notes[0]
 
 
 def test_the_order_of_the_urdf_may_name_a_joint_before_the_one_that_carries_it(hand_urdf):
@@ -333,8 +333,8 @@ def test_a_urdf_alone_is_told_the_preset_that_takes_it(named, preset, tmp_path):
     (tmp_path / 'it.urdf').write_text(re.sub('<robot name="[^"]*"', f'<robot name="{named}"', text))
     notes = [note for note in load_robot(str(tmp_path / 'it.urdf')).notes if 'preset' in note]
     assert notes == ([] if preset is None else [
-        f"the URDF calls its robot '{named}': the preset {preset} knows more of it, as its tips or "
-        "its driver's order; give that as the robot, and this URDF as its robot_description"])
+        f"the URDF calls its robot '{named}': the preset {preset} may know more of it, as its tips "
+        "or its driver's order; give that as the robot, and this URDF as its robot_description"])
 
 
 def test_an_unknown_robot_is_told_the_presets(tmp_path):
