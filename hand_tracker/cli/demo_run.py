@@ -39,7 +39,7 @@ from .recording_options import WornHand
 LINE_EVERY = .5  # [s] between live lines
 EXPLAINED_SHARE = .01  # of the frames that are missing, from which on that is explained
 LAG = .5         # [s] without a message, after which no more comes
-DISCOVERY = 1.   # [s] in which others are discovered, but on a busy machine
+DISCOVERY = 3.3  # [s] in which others are discovered: they announce themselves each 3 s
 
 
 def _start(node: str, **parameters: object) -> subprocess.Popen[bytes]:
