@@ -35,11 +35,11 @@ def main(arguments: list[str] | None = None) -> int:
     from ..files.recordings import RecordingError, recordings_at
     from .inspect_recording import next_command, summary, summary_lines
 
-    first, *_ = inside = recordings_at(options.recording)[0]
+    inside, _ = recordings_at(options.recording)
     if len(inside) > 1:
         raise RecordingError(f'{options.recording}: a folder with recordings, {len(inside)} in '
-                             f'number; expected one of them, as {first}')
-    options.recording = first
+                             f'number; expected one of them, as {inside[0]}')
+    options.recording, = inside
     recording = recorded_points(options.recording, reading_options(options))
     layouts = likely_layouts(recording)
     found = summary(recording, layouts)
