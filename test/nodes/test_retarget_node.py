@@ -307,7 +307,7 @@ def test_two_trackers_of_one_name_are_told_but_not_one_that_was_started_anew(rob
         node.spin_until(lambda: any(
             status.level == DiagnosticStatus.WARN and said in status.message
             for message in statuses for status in message.status))
-        assert process.output.count(said) >= 1
+        process.wait_for_line(said)
         assert process.interrupt() == 0, process.output
     assert len(re.findall(r'WARN.*' + re.escape(said), process.output)) == 1
 
