@@ -141,32 +141,36 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
     if tips:
         if 'thumb' not in tips:
             raise InvalidRobot('digits: none of them is the thumb')
-        thumb = list(tips).index('thumb')
+        number = list(tips).index('thumb')
     else:
-        thumb = _find_thumb(digits, frames, unsure)
-    digits[thumb] = _as_thumb(digits[thumb], model, frames)
-    fingers = [digit for i, digit in enumerate(digits) if i != thumb]
+        number = _find_thumb(digits, frames, unsure)
+    digits[number] = thumb = _as_thumb(digits[number], model, frames)
+    fingers = [digit for digit in digits if digit is not thumb]
     axes = _axes(fingers, frames)
-    bases = np.array([frames[1][finger.base] for finger in fingers])
-    across = _thumb_points(digits[thumb], frames) @ axes[:, 1] - np.mean(bases @ axes[:, 1])
-    found = 'right' if across > 0. else 'left'
-    # The base of one finger alone has no breadth.
-    if abs(across) < max(.2 * np.ptp(bases @ axes[:, 1]), 0. if len(fingers) > 1 else MIN_BONE):
-        unsure.append(f'side: {found}, but the thumb is only {1e3 * abs(across):.0f} mm beside the '
-                      "middle of the fingers' bases")
+    places = np.array([frames[1][finger.base] for finger in fingers]) @ axes[:, 1]
+    found = _find_side(_thumb_points(thumb, frames) @ axes[:, 1], places, unsure)
     if side is not None and side != found:
         unsure.append(f'side: {side} as given; the geometry says {found}')
-    side = side or found
-    if not tips:
-        order = np.argsort(-(bases @ axes[:, 1]) * (1. if side == 'right' else -1.), kind='stable')
-        by_role = {'thumb': digits[thumb], **{
-            role: fingers[i] for role, i in zip(FINGERS, order)}}
-        _compare_names(by_role, unsure)
-    else:
-        by_role = {role: digits[i] for i, role in enumerate(tips)}
+    if tips:
+        by_role = dict(zip(tips, digits))
         _compare_order([role for role in tips if role != 'thumb'],
-                       np.sign(across) * (bases @ axes[:, 1]), unsure)
-    return _in_palm(model, palm, axes, frames, side, by_role, False, unsure)
+                       places if found == 'right' else -places, unsure)
+    else:
+        order = np.argsort(-places if (side or found) == 'right' else places, kind='stable')
+        by_role = {'thumb': thumb, **{role: fingers[i] for role, i in zip(FINGERS, order)}}
+        _compare_names(by_role, unsure)
+    return _in_palm(model, palm, axes, frames, side or found, by_role, False, unsure)
+
+
+def _find_side(thumb: float, fingers: np.ndarray, unsure: list[str]) -> str:
+    """Return the side by where the thumb and the fingers' bases, (n,), are across the palm [m]."""
+    across = thumb - np.mean(fingers)
+    found = 'right' if across > 0. else 'left'
+    # The base of one finger alone has no breadth.
+    if abs(across) < max(.2 * np.ptp(fingers), 0. if len(fingers) > 1 else MIN_BONE):
+        unsure.append(f'side: {found}, but the thumb is only {1e3 * abs(across):.0f} mm beside the '
+                      "middle of the fingers' bases")
+    return found
 
 
 def gripper_positions(model: RobotModel) -> np.ndarray:

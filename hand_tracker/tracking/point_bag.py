@@ -108,8 +108,6 @@ class PointBag(Bag):
 
     def __init__(self, path: Path, choice: MarkerChoice) -> None:
         # Here, as the calibration imports scipy, for which a replay of messages need not wait.
-        from ..calibration.hand_axes import SURE, side_by_shape
-        from ..calibration.hand_markers import marker_points
         from ..calibration.recorded_points import recorded_points
 
         recording = recorded_points(
@@ -123,49 +121,11 @@ class PointBag(Bag):
             any(recording.labels) if choice.has_labels is None else choice.has_labels)
         named: dict[str, int] = {}
         if self.has_labels:
-            chosen = _chosen_hands(recording, choice)
-            named = chosen[0].columns_of(choice.names)
-            self.notes += _left_out(recording, choice, chosen)
-            self.hands, self._heads = _labelled_hands(chosen)
-            self._points = np.concatenate(
-                [marker_points(recording, one) for one in chosen], axis=1)
-            for one in filter(lambda one: one.missing, chosen):
-                there = len(one.columns) - len(one.missing)
-                whose = f' of the {one.side} hand' if len(chosen) > 1 else ''
-                self.notes += (f'no label for {", ".join(one.missing)}{whose}; the other '
-                               f'{there} markers are tracked',)
+            named = self._take_labelled(recording, choice)
         else:
-            layout = choice.layout or MarkerLayout()
-            labels = LabelMap(default_labels(layout.names), layout.names)
-            self.hands = tuple(RecordedMarkers(side, layout, labels) for side in (
-                SIDES if choice.side == BOTH else (choice.side or '',)))
-            # As of a live source.
-            self._heads = [(ANONYMOUS_NAMESPACE, FIRST_FOREIGN_ID + row)
-                           for row in range(recording.points.shape[1])]
-            self._points = recording.points
-        if self.has_labels and not choice.reading.frame_rate:
-            self.notes += _rate_doubt(self._points, recording.rate)
-        hand = self.hands[0]
-        if not hand.side and recording.side:
-            self.hands = (hand._replace(side=choice.side or recording.side),)
-            if choice.side is None:
-                self.notes += (f'a {recording.side} hand, as the file says (--side)',)
-            elif choice.side != recording.side:
-                self.notes += (f'the file says that it is a {recording.side} hand: is --side '
-                               'right?',)
-        elif not hand.side and not self.has_labels and hand.layout.names == MARKERS:
-            if choice.finds_side:
-                self._find_side()
-        elif not hand.side:
-            by_shape, likelihood = side_by_shape(recording, named)
-            is_sure = likelihood > SURE
-            self.hands = (hand._replace(side=choice.side or by_shape),)
-            if by_shape and choice.side is None:
-                doubt = '' if is_sure else f', by a likelihood of {likelihood:.2f}: is it?'
-                self.notes += (f'a {by_shape} hand, as its fingers bend{doubt} (--side)',)
-            elif is_sure and choice.side != by_shape:
-                self.notes += (f'its fingers bend as those of a {by_shape} hand: are --side, '
-                               'labels, units and axes right?',)
+            self._take_all(recording, choice)
+        if not self.hands[0].side:
+            self._settle_side(recording, choice, named)
         if recording.origin is not None:
             self.stands_for = recording.origin.topic
             self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)
@@ -178,6 +138,64 @@ class PointBag(Bag):
         self.counts = {WRITTEN_TOPIC: len(self._times)}
         self.offered_qos = {WRITTEN_TOPIC: []}
         self.start, self.duration = self._times[0], self._times[-1] - self._times[0]
+
+    def _take_labelled(self, recording: PointRecording, choice: MarkerChoice) -> dict[str, int]:
+        """Take the markers that labels name; return the column of each name of the first hand."""
+        from ..calibration.hand_markers import marker_points
+
+        chosen = _chosen_hands(recording, choice)
+        self.hands, self._heads = _labelled_hands(chosen)
+        self._points = np.concatenate([marker_points(recording, one) for one in chosen], axis=1)
+        self.notes += _left_out(recording, choice, chosen)
+        for one in filter(lambda one: one.missing, chosen):
+            there = len(one.columns) - len(one.missing)
+            whose = f' of the {one.side} hand' if len(chosen) > 1 else ''
+            self.notes += (f'no label for {", ".join(one.missing)}{whose}; the other {there} '
+                           'markers are tracked',)
+        if not choice.reading.frame_rate:
+            self.notes += _rate_doubt(self._points, recording.rate)
+        return chosen[0].columns_of(choice.names)
+
+    def _take_all(self, recording: PointRecording, choice: MarkerChoice) -> None:
+        """Take all points, without labels, as of a live source."""
+        layout = choice.layout or MarkerLayout()
+        labels = LabelMap(default_labels(layout.names), layout.names)
+        self.hands = tuple(RecordedMarkers(side, layout, labels) for side in (
+            SIDES if choice.side == BOTH else (choice.side or '',)))
+        self._heads = [(ANONYMOUS_NAMESPACE, FIRST_FOREIGN_ID + row)
+                       for row in range(recording.points.shape[1])]
+        self._points = recording.points
+
+    def _settle_side(self, recording: PointRecording, choice: MarkerChoice,
+                     named: dict[str, int]) -> None:
+        """Take the side from the choice, the file, or the hand's shape, and note doubts."""
+        (hand,) = self.hands
+        if recording.side:
+            self.hands = (hand._replace(side=choice.side or recording.side),)
+            if choice.side is None:
+                self.notes += (f'a {recording.side} hand, as the file says (--side)',)
+            elif choice.side != recording.side:
+                self.notes += (f'the file says that it is a {recording.side} hand: is --side '
+                               'right?',)
+        elif self.has_labels or hand.layout.names != MARKERS:
+            self._judge_bends(recording, choice, named)
+        elif choice.finds_side:
+            self._find_side()
+
+    def _judge_bends(self, recording: PointRecording, choice: MarkerChoice,
+                     named: dict[str, int]) -> None:
+        """Take the side by how fingers bend where none is chosen; else note a contradiction."""
+        from ..calibration.hand_axes import SURE, side_by_shape
+
+        by_shape, likelihood = side_by_shape(recording, named)
+        is_sure = likelihood > SURE
+        self.hands = (self.hands[0]._replace(side=choice.side or by_shape),)
+        if by_shape and choice.side is None:
+            doubt = '' if is_sure else f', by a likelihood of {likelihood:.2f}: is it?'
+            self.notes += (f'a {by_shape} hand, as its fingers bend{doubt} (--side)',)
+        elif is_sure and choice.side != by_shape:
+            self.notes += (f'its fingers bend as those of a {by_shape} hand: are --side, labels, '
+                           'units and axes right?',)
 
     def _find_side(self) -> None:
         """Find the side of the paper's markers without labels by their shape."""
