@@ -37,6 +37,7 @@ from .vicon_csv import OTHER_VICON_BLOCKS, VICON_BLOCK, read_vicon_csv, write_vi
 
 HEAD_BYTES = 2**12         # by which formats are recognised
 BAG_STARTS = (b'\x89MCAP0', b'SQLite format 3\0')
+ROS_1_START = b'#ROSBAG V'
 PACKED_SUFFIX = '.gz'
 
 
@@ -214,6 +215,11 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
         raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
     if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         raise RecordingError(f'{path}: a text of UTF-16; expected one of UTF-8')
+    if head.startswith(ROS_1_START):
+        raise RecordingError(
+            f'{path}: a recording of ROS 1; expected one of ROS 2, as of rosbags-convert '
+            f'--src {path} --dst {path.stem} --src-typestore ros1_noetic '
+            '--dst-typestore ros2_jazzy')
     if _starts(f'{TIME_COLUMN},')(head):
         raise RecordingError(f'{path}: angles of joints, as `track` writes them; expected the '
                              'recording that they were found in')
