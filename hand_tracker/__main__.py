@@ -18,6 +18,7 @@ COMMANDS = {
     'plot': 'track a recording; plot the angles of each digit over time',
     'skin': 'draw the skin of a hand, its weights and blending',
     'view': 'show a recording in the browser',
+    'layout': 'print or write a preset marker layout, as a file to adapt',
     'urdf': 'print or write the URDF of a hand',
     'robot': 'find palm, digits and axes of a robot hand; write its file, draw it',
     'evaluate': 'measure the tracker, each table in turn',

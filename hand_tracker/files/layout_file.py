@@ -66,10 +66,15 @@ def load_layout(path: str | PathLike[str]) -> MarkerLayout:
     return read_yaml(path, parse, LAYOUT_EXAMPLE)
 
 
+def layout_text(layout: MarkerLayout) -> str:
+    """Return the text of a layout file: a list, in which markers may be renamed and added."""
+    return yaml_text('A marker layout for hand_tracker, in millimetres: docs/layouts.md says what '
+                     'is what.', {'markers': _rows_of(layout)})
+
+
 def save_layout(path: str | PathLike[str], layout: MarkerLayout) -> None:
     """Write a layout file; `load_layout` returns the same layout."""
-    write_whole_text(Path(path), yaml_text('A marker layout for hand_tracker, in millimetres.',
-                                     {'markers': tree_of_layout(layout)}))
+    write_whole_text(Path(path), layout_text(layout))
 
 
 def choose_layout(text: str) -> MarkerLayout:
@@ -116,17 +121,23 @@ def layout_of_tree(markers: Any) -> MarkerLayout:
 
 
 def tree_of_layout(layout: MarkerLayout) -> Any:
-    """Return a layout as it stands under `markers` in a file."""
-    def values(row: int) -> dict[str, Any]:
-        found = {'offset_mm': MARKER_OFFSET.from_si(layout.offsets[row]),
-                 'deviation_mm': MARKER_DEVIATION.from_si(layout.deviations[row])}
-        if layout.skin_shares[row]:
-            found['skin_share'] = MARKER_SKIN_SHARE.from_si(layout.skin_shares[row])
-        return {'place': layout.places[row], **found}
+    """Return a layout as it stands under `markers` in a hand file."""
+    rows = _rows_of(layout)
+    return {row.pop('name'): row for row in rows} if layout.names == MARKERS else rows
 
-    if layout.names == MARKERS:
-        return {name: values(row) for row, name in enumerate(layout.names)}
-    return [{'name': name, **values(row)} for row, name in enumerate(layout.names)]
+
+def _rows_of(layout: MarkerLayout) -> list[dict[str, Any]]:
+    """Return the markers of a layout as a list; deviations and skin shares where there are any."""
+    def row(number: int) -> dict[str, Any]:
+        found = {'name': layout.names[number], 'place': layout.places[number],
+                 'offset_mm': MARKER_OFFSET.from_si(layout.offsets[number])}
+        if layout.deviations[number]:
+            found['deviation_mm'] = MARKER_DEVIATION.from_si(layout.deviations[number])
+        if layout.skin_shares[number]:
+            found['skin_share'] = MARKER_SKIN_SHARE.from_si(layout.skin_shares[number])
+        return found
+
+    return [row(number) for number in range(len(layout.names))]
 
 
 def _listed(markers: list[Any]) -> MarkerLayout:

@@ -1,10 +1,13 @@
 """Layout files: what is written comes back, and errors name file, field and what is allowed."""
 
+import re
+
 import numpy as np
 import pytest
 
+from hand_tracker.cli.layout import main
 from hand_tracker.core.model.hand import Hand
-from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.model.layout_presets import LAYOUT_NAMES, LAYOUT_PRESETS, preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.files.hand_file import InvalidHandFile, load_hand, save_hand
 from hand_tracker.files.layout_file import choose_layout, load_layout, save_layout
@@ -31,6 +34,18 @@ def test_what_is_saved_comes_back(tmp_path, name):
     assert_same(load_layout(tmp_path / 'layout.yaml'), layout)
     save_hand(tmp_path / 'hand.yaml', Hand.scaled(), layout)
     assert_same(load_hand(tmp_path / 'hand.yaml')[1], layout)
+
+
+@pytest.mark.parametrize('name', LAYOUT_NAMES)
+def test_a_preset_is_printed_and_written_as_a_list_to_adapt(tmp_path, name, capsys):
+    assert main([name]) == 0
+    printed = capsys.readouterr().out
+    assert main([name, '-o', str(tmp_path / 'layout.yaml')]) == 0
+    assert (tmp_path / 'layout.yaml').read_text(encoding='utf-8') == printed
+    adapted = re.sub('- name: .*', '- name: mine', printed, count=1)
+    found, preset = load_layout(written(tmp_path / 'mine.yaml', adapted)), preset_layout(name)
+    assert found.names == ('mine', *preset.names[1:]) and found.places == preset.places
+    assert found.offsets == pytest.approx(preset.offsets)
 
 
 def test_all_fields_of_a_marker(tmp_path):
