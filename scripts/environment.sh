@@ -210,8 +210,8 @@ warm_up() {
   sources=$(contents "$root"/hand_tracker/{core,skin} -name '*.py' | fingerprint -)
   is_done view_ready "$sources" && return
   mkdir -p "$stamps"
-  step "compiling the kernels and making a skin" "$python" -c \
-    'from hand_tracker.cli.view import warm_up; warm_up()' || fail "see $log"
+  # Not a step: it shows itself how far it is.
+  "$python" -c 'from hand_tracker.cli.view import warm_up; warm_up()' >&2 || fail "see above"
   mark_done view_ready "$sources"
 }
 

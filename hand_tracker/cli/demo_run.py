@@ -155,7 +155,7 @@ def _complete_kernels(kernel_set: str, what: str) -> None:
     except jit.KernelsUnavailable as error:
         print(error, file=sys.stderr)
         return
-    print(f'Compiling what {what}: once; nothing is printed for {COMPILE_TIME} ...', flush=True)
+    print(f'Compiling what {what}: once, for {COMPILE_TIME} ...', flush=True)
     subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET, kernel_set], check=True,
                    env={**os.environ, 'HAND_TRACKER_JIT': '1'})
 

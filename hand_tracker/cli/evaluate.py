@@ -228,7 +228,7 @@ def main(arguments: list[str] | None = None) -> int:
                       fit_layout_takes=given.fit_layout_takes)
     for fault in faults:
         options.leave_out(str(fault))
-    prepare_kernels(options.say)
+    prepare_kernels(options.say, is_quiet=options.quiet)
     return _evaluate(parser, names, chosen, options)
 
 

@@ -32,6 +32,7 @@ def warm_up() -> None:
 
     hand, layout = choose_hand()
     viewed_hands(packaged_recording(), [(hand, layout, USUAL_READING)]).prepare(print)
+    print('Making the skin', flush=True)
     skin_of(hand)
 
 

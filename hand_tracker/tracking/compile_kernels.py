@@ -6,10 +6,12 @@ Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilat
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 
@@ -27,10 +29,13 @@ from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.stamps import NO_STAMP, Stamp, is_repeated, seconds
 from ..messages.templates import joint_state_template
+from ..progress import Progress
 from .compilation import COMPILE_TIME, STARTER_VARIABLE
 
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 LOCK_POLL = .1  # [s]
+COUNT_PERIOD = .5  # [s] between looks for new kernels
+KERNEL_PLACES = 'core', 'messages'  # of the sets here
 
 
 class StarterEnded(Exception):
@@ -59,8 +64,9 @@ def compile_tracking() -> HandTracker:
     return tracker
 
 
-def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -> None:
-    """Compile missing kernels before they are needed, and announce the wait.
+def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
+                    is_quiet: bool = False) -> None:
+    """Compile missing kernels before they are needed, announce the wait, and show how far it is.
 
     Parameters
     ----------
@@ -68,6 +74,8 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -
         Takes a line.
     labels_points : bool, optional
         Whether those that label points are needed too.
+    is_quiet : bool, optional
+        Whether to show no progress on the standard error.
     """
     needed = [jit.TRACKING_SET, *[jit.LABELLING_SET] * labels_points]
     # Deferred kernels are plain Python here: they are for another process to compile.
@@ -77,11 +85,60 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -
         say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
     for name in missing:
         try:
-            complete_set(name, SETS[name])
+            with nullcontext() if is_quiet else _progress_of(name):
+                complete_set(name, SETS[name])
         except jit.KernelsUnavailable as error:
             # Without a folder to keep them in they are compiled each time.
             jit.report_unkept(error)
             SETS[name]()
+
+
+@contextmanager
+def _progress_of(kernel_set: str) -> Iterator[None]:
+    """Show how many kernels of a set are on disk, of how many, whichever process compiles them."""
+    counts, ended, is_whole = kernel_counts(kernel_set), Event(), False
+    total = missing_kernels(counts)
+
+    def new_kernels() -> Iterator[None]:
+        before = total
+        while not ended.wait(COUNT_PERIOD):
+            now = missing_kernels(counts)
+            yield from [None] * (before - now)
+            before = now
+        yield from [None] * (before if is_whole else 0)
+
+    # Beside this thread, which compiles, and which Ctrl-C reaches.
+    shown = Progress(total, f'kernels of {kernel_set}').over(new_kernels())
+    display = Thread(target=deque, args=(shown, 0))
+    display.start()
+    try:
+        yield
+        is_whole = True
+    finally:
+        ended.set()
+        display.join()
+
+
+def kernel_counts(kernel_set: str) -> dict[str, int]:
+    """Return how many kernels each source file of a set has, by the pattern of their files."""
+    # With numba, which plain Python does without.
+    from ..core.numerics.kernel_cache import KernelFolder
+
+    counts = {}
+    for source in jit.kernel_sources():
+        decorators = jit.KERNEL_DECORATOR.findall(source.read_bytes())
+        labels_points = any(labelling for _, labelling in decorators)
+        if (source.relative_to(jit.PACKAGE).parts[0] in KERNEL_PLACES
+                and labels_points == (kernel_set == jit.LABELLING_SET)):
+            place = KernelFolder.get_suitable_cache_subpath(str(source))
+            counts[f'{place}/{source.stem}.*.nbi'] = len(decorators)
+    return counts
+
+
+def missing_kernels(counts: Mapping[str, int]) -> int:
+    """Return how many kernels of `kernel_counts` are not in the cache folder."""
+    folder = jit.needed_folder()
+    return sum(max(0, count - len(list(folder.glob(files)))) for files, count in counts.items())
 
 
 @contextmanager
@@ -168,11 +225,13 @@ def run_compilation(names: Sequence[str], sets: Mapping[str, Callable[[], object
     *unavailable : exception types
         That a set may raise which cannot serve here.
     """
+    is_background = STARTER_VARIABLE in os.environ
     # That process may have ended since.
     starter = int(os.environ.get(STARTER_VARIABLE, os.getppid()))
     try:
         for name in names or sets:
-            with suppress(*unavailable):
+            shown = name in SETS and not is_background
+            with suppress(*unavailable), _progress_of(name) if shown else nullcontext():
                 complete_set(name, sets[name], starter)
     except StarterEnded:
         pass

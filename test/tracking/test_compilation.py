@@ -5,13 +5,20 @@ import shutil
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 
 import pytest
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics import jit
+from hand_tracker.tracking import compile_kernels
 from hand_tracker.tracking.compilation import PROGRAM, STARTER_VARIABLE, Compilation
-from hand_tracker.tracking.compile_kernels import SETS, prepare_kernels
+from hand_tracker.tracking.compile_kernels import (
+    SETS,
+    kernel_counts,
+    missing_kernels,
+    prepare_kernels,
+)
 
 FAST_PATH_PROGRAM = 'hand_tracker.nodes.fast_path.compile_fast_path'
 PATIENCE = 600.  # [s]
@@ -243,6 +250,7 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
 END_WHILE_LOADING = """
 import time
 from threading import Event
+from hand_tracker.tracking import compile_kernels
 from hand_tracker.tracking.compilation import Compilation
 
 begun = Event()
@@ -270,6 +278,7 @@ def test_a_process_that_ends_loads_its_set_to_the_end_and_no_other(tmp_path, mon
 
 WAIT_FOR_ONE = """
 import resource, sys, time
+from hand_tracker.tracking import compile_kernels
 from hand_tracker.tracking.compilation import Compilation
 
 exec(sys.argv[2])
@@ -336,6 +345,51 @@ def test_kernels_that_cannot_be_kept_are_compiled_once_and_told_of(tmp_path, mon
     assert 'Not a directory' in record.getMessage() and 'NUMBA_CACHE_DIR' in record.getMessage()
 
 
+@pytest.mark.skipif(not (jit.COMPILED and jit.is_ready(jit.TRACKING_SET)),
+                    reason='needs kernels on disk')
+def test_nearly_all_kernels_that_are_counted_are_compiled():
+    counts = kernel_counts(jit.TRACKING_SET)
+    assert sum(counts.values()) > 100 > 20 * missing_kernels(counts)
+
+
+@needs_numba
+@pytest.mark.parametrize('interrupt', [None, KeyboardInterrupt])
+def test_compiling_shows_how_many_kernels_have_come_to_the_disk(tmp_path, monkeypatch, interrupt):
+    done, shown = [], []
+
+    class Shown:
+        def __init__(self, total, what):
+            shown.append(f'{total} {what}')
+
+        def over(self, items):
+            for _ in items:
+                done.append(True)
+                yield
+
+    def compile_set():
+        for files, count in counts.items():
+            (tmp_path / files).parent.mkdir(exist_ok=True)
+            for number in range(count // 2):
+                (tmp_path / files.replace('*', str(number))).touch()
+        until = time.monotonic() + PATIENCE
+        while len(done) < half:
+            assert time.monotonic() < until
+            time.sleep(.01)
+        if interrupt:
+            raise interrupt
+
+    monkeypatch.setattr(compile_kernels, 'Progress', Shown)
+    monkeypatch.setattr(jit, 'COMPILED', True)
+    monkeypatch.setattr(jit, 'CACHE_FOLDER', tmp_path)
+    monkeypatch.setitem(SETS, jit.TRACKING_SET, compile_set)
+    counts = kernel_counts(jit.TRACKING_SET)
+    total, half = sum(counts.values()), sum(count // 2 for count in counts.values())
+    with pytest.raises(interrupt) if interrupt else nullcontext():
+        prepare_kernels(print)
+    assert shown == [f'{total} kernels of tracking']
+    assert len(done) == (half if interrupt else total)
+
+
 @needs_numba
 @pytest.mark.parametrize('program', [PROGRAM, FAST_PATH_PROGRAM])
 def test_a_compiling_process_says_in_one_line_that_it_can_keep_nothing(tmp_path, program):
@@ -360,6 +414,7 @@ def own_cache(folder):
 LINKED = """
 import sys, time
 from hand_tracker.core.numerics import jit
+from hand_tracker.tracking import compile_kernels
 from hand_tracker.tracking.compilation import Compilation
 
 compilation = Compilation({'one': lambda folder: None}, 'mark')
