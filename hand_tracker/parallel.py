@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -165,10 +166,22 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task],
     results = Parallel(min(jobs, max(len(tasks), 1)), batch_size=1, pre_dispatch='all', **options)(
         delayed(function)(task) for task in tasks)
     try:
-        yield from results
+        with _without_lost_tasks():
+            yield from results
     except BrokenProcessPool as error:
         raise WorkerKilled('a process was killed, perhaps for lack of memory; '
                            'expected is a smaller number of jobs') from error
+
+
+@contextmanager
+def _without_lost_tasks() -> Iterator[None]:
+    """Keep quiet a thread of joblib's that misses the tasks which an interruption took from it."""
+    before = threading.excepthook
+    threading.excepthook = lambda fault: None if fault.exc_type is KeyError else before(fault)
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def run_tasks(work: Callable[[Task, Interruptions, MessageCollector], Any],

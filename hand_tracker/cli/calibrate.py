@@ -97,7 +97,7 @@ def main(arguments: list[str] | None = None) -> int:
     worn ones alone much is taken from other hands; the report says what.
     """
     options = _parse(arguments)
-    return run_command('hand_tracker calibrate', _calibrate, options)
+    return run_command(_calibrate, options)
 
 
 if __name__ == '__main__':

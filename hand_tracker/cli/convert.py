@@ -103,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
                         help='of OUT, where its suffix does not tell')
     add_motion_options(parser)
     options = parser.parse_args(arguments)
-    return run_command('hand_tracker convert', _convert, options)
+    return run_command(_convert, options)
 
 
 if __name__ == '__main__':

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
 import math
 import sys
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
 from ..evaluation.evaluation_options import Options
+from ..output_files import write_whole_text
 from .recording_options import add_frame_rate_option, require_inputs
 from .reporting import CommandParser, reporting
 
@@ -58,16 +60,17 @@ def run_evaluation(name: str, options: Options) -> list[Row]:
 def _write_csv(path: Path, rows: list[Row]) -> None:
     """Write rows as a table whose columns are all their keys, in the order of appearance."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, columns, lineterminator='\n')
-        writer.writeheader()
-        writer.writerows(rows)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole_text(path, text.getvalue())
 
 
 def _write_json(path: Path, rows: list[Row]) -> None:
     """Write rows as a JSON list, one row on a line."""
     lines = ',\n'.join(json.dumps(row, allow_nan=False) for row in rows)
-    path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')
+    write_whole_text(path, f'[\n{lines}\n]\n')
 
 
 def _whole(lowest: int, highest: int) -> Callable[[str], int]:

@@ -40,7 +40,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 @reporting
 def main(args: list[str] | None = None) -> int:
     """Track a recording without ROS, and plot the angles of each digit over time."""
-    return run_command('hand_tracker plot', _plot_file, _parse(args))
+    return run_command(_plot_file, _parse(args))
 
 
 if __name__ == '__main__':

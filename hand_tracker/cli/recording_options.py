@@ -15,7 +15,6 @@ from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, OTHER_SIDE,
 from ..core.model.layout_presets import LAYOUT_NAMES
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
-from ..interruption import INTERRUPTED_EXIT_CODE
 from ..messages.labels import (
     LABEL_SOURCES,
     USUAL_TOPIC,
@@ -453,14 +452,12 @@ def require_inputs(options: argparse.Namespace) -> None:
                 raise HandTrackerError(f'{path}: {fault}')
 
 
-def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], str],
+def run_command(work: Callable[[argparse.Namespace, Interruptions], str],
                 options: argparse.Namespace) -> int:
     """Run a command that reads a recording; return its exit code.
 
     Parameters
     ----------
-    name : str
-        As in messages.
     work : callable
         Takes the options and a list that is no longer empty when an interruption came;
         returns what to say at the end.
@@ -470,10 +467,6 @@ def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], s
     -------
     int
     """
-    try:
-        require_inputs(options)
-        print(work(options, raise_on_interruption()))
-    except KeyboardInterrupt:
-        print(f'{name}: interrupted; no unfinished file is left', file=sys.stderr)
-        return INTERRUPTED_EXIT_CODE
+    require_inputs(options)
+    print(work(options, raise_on_interruption()))
     return 0

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from ..core.errors import HandTrackerError
 from ..interruption import INTERRUPTED_EXIT_CODE
+from ..parallel import raise_on_interruption
 
 FAULT_EXIT_CODE = 1
 WRONG_COMMAND_LINE = 2     # exit code
@@ -51,7 +52,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def reporting(main: Callable[[list[str] | None], int]) -> Callable[..., int]:
-    """Return the `main` of a command's module with its faults and Ctrl-C reported.
+    """Return the `main` of a command's module with its faults, Ctrl-C and SIGTERM reported.
 
     A broken pipe, as of `| head`, is left to the caller: only its standard output may be closed.
     """
@@ -59,6 +60,7 @@ def reporting(main: Callable[[list[str] | None], int]) -> Callable[..., int]:
 
     @wraps(main)
     def reported(arguments: list[str] | None = None) -> int:
+        raise_on_interruption()
         try:
             return main(arguments)
         except BrokenPipeError:
@@ -67,5 +69,6 @@ def reporting(main: Callable[[list[str] | None], int]) -> Callable[..., int]:
             print(f'{name}: {error}', file=sys.stderr)
             return FAULT_EXIT_CODE
         except KeyboardInterrupt:
+            print(f'{name}: interrupted; no unfinished file is left', file=sys.stderr)
             return INTERRUPTED_EXIT_CODE
     return reported

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from ..core.model.hand import SIDES
-from ..output_files import PICTURE_SUFFIXES, YAML_SUFFIXES, require_writable
+from ..output_files import PICTURE_SUFFIXES, YAML_SUFFIXES, require_writable, write_whole_text
 from ..package_data import packaged_recording
 from . import view
 from .recording_options import one_side, require_inputs
@@ -68,7 +68,7 @@ def main(args: list[str] | None = None) -> int:
         print(f'unsure: {line}')
     if options.output:
         text = robot_file_text(loaded, loaded.urdf)
-        options.output.write_text(text, encoding='utf-8')
+        write_whole_text(options.output, text)
         print(f'{options.output}: the robot file written')
     if options.picture:
         from .robot_poses import draw_robot

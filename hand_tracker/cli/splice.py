@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
                         'as the paths of the wrist tell')
     parser.add_argument('--body-units', choices=tuple(UNIT_SPELLINGS),
                         help='of BODY; default: as the wrist moves, else by its size')
-    return run_command('hand_tracker splice', _splice, parser.parse_args(arguments))
+    return run_command(_splice, parser.parse_args(arguments))
 
 
 if __name__ == '__main__':

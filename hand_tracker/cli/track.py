@@ -104,7 +104,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 def main(args: list[str] | None = None) -> int:
     """Track recordings without ROS, and write the angles of every frame with a hand."""
     options = _parse(args)
-    return run_command('hand_tracker track', _track, options)
+    return run_command(_track, options)
 
 
 if __name__ == '__main__':

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 from ..core.model.hand import LIMIT_PRESETS, SIDES
+from ..output_files import write_whole_text
 from .recording_options import one_side, require_inputs
 from .reporting import CommandParser, reporting
 
@@ -37,7 +38,7 @@ def main(args: list[str] | None = None) -> int:
     hand, _ = choose_hand(options.hand, options.side, options.limits)
     text = urdf(hand, options.prefix)
     if options.output:
-        Path(options.output).write_text(text, encoding='utf-8')
+        write_whole_text(Path(options.output), text)
     else:
         sys.stdout.write(text)
     return 0

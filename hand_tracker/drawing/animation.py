@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
+from ..output_files import write_whole
 from .images import AnimatedFigure, save_gif, spread_rows
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
@@ -198,7 +200,7 @@ def save_sheet(path: str | PathLike[str], motion: HandMotion, hand: Hand,
                     f'{motion.times[frame] - motion.times[0]:.1f} s', color=INK, fontsize=8,
                     va='top')
     _draw_title_bar(figure, title)
-    figure.savefig(path)
+    write_whole(Path(path), figure.savefig)
 
 
 def _draw_title_bar(figure: Figure, title: str) -> None:

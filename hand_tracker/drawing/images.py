@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+
+from ..output_files import write_whole
 
 PIXELS_PER_INCH = 100
 PALETTE_FRAMES = 5  # frames, evenly spaced in time, from which the palette is computed
@@ -121,7 +124,8 @@ def save_gif(path: str | PathLike[str], images: Sequence[Image.Image], rate: flo
                               (i + 1) * width // len(swatches), sample.height))
     palette = sample.quantize(colours)
     first, *others = _quantized(images, palette, tolerance)
-    first.save(path, save_all=True, append_images=others, loop=0, duration=round(1000. / rate))
+    write_whole(Path(path), lambda unfinished: first.save(
+        unfinished, save_all=True, append_images=others, loop=0, duration=round(1000. / rate)))
 
 
 def _quantized(images: Sequence[Image.Image], palette: Image.Image,

@@ -10,6 +10,7 @@ from types import ModuleType
 
 from .. import __version__
 from ..core.numerics.jit import COMPILED
+from ..output_files import write_whole_text
 from . import EVALUATIONS, simulated
 from .evaluation_options import Options
 from .rows import Row
@@ -103,7 +104,7 @@ def write_results(path: Path, rows: list[Row], names: Sequence[str], options: Op
         parts += [table.text() for table in module.tables(found)]
         parts += [f'![{picture.caption}]({path.stem}/{picture.file})'
                   for picture in module.pictures(found, folder)]
-    path.write_text('\n\n'.join(parts) + '\n', encoding='utf-8')
+    write_whole_text(path, '\n\n'.join(parts) + '\n')
 
 
 def _documentation(module: ModuleType) -> str:

@@ -20,6 +20,7 @@ from ..drawing.palette import (
     SKY_BLUE,
     VERMILLION,
 )
+from ..output_files import write_whole
 from .rows import Row
 
 # Of plotted series, the tracker's first.
@@ -180,4 +181,4 @@ def save_figure(figure: Figure, path: Path, legend_of: Axes | None = None) -> No
         figure.legend(handles, labels, loc='upper center', ncol=-(-len(labels) // rows),
                       frameon=False, fontsize=8, labelcolor=INK)
     # Without the version of matplotlib: equal numbers give equal files.
-    figure.savefig(path, metadata={'Software': None})
+    write_whole(path, lambda unfinished: figure.savefig(unfinished, metadata={'Software': None}))

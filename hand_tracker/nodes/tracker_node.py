@@ -162,7 +162,7 @@ class TrackerNode(SubscriptionHidingNode):
             return
         if jit.COMPILED:
             labels_points = any(hand.labels_points for hand in self.hands)
-            prepare_kernels(self.get_logger().info, labels_points)
+            prepare_kernels(self.get_logger().info, labels_points, interrupted_code=0)
             # Loaded before the first frame would wait for them.
             compile_tracking()
             if labels_points and not jit.LABELLING_IS_DEFERRED:

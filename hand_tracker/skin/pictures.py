@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..core.model.kinematics import forward, joint_table
 from ..drawing.images import blank_figure, figure_image, place_image, write_text
 from ..drawing.palette import DIGIT_COLOURS, INK, PAPER_WHITE, SKIN_TONE, VERMILLION, rgb
 from ..drawing.render import Camera, Mesh, fitting_camera, render, view_axes
+from ..output_files import write_whole
 from ..simulation.poses import pose_angles
 from .skinning import Skin, deform
 
@@ -95,7 +97,8 @@ def _save_grid(path: str | PathLike[str], rows: Sequence[Sequence[np.ndarray]],
     for row, title in enumerate(row_titles):
         write_text(figure, .5 * margin, TITLE_HEIGHT + (row + .5) * CELL_SIZE, title,
                    TITLE_FONT_SIZE, INK, rotation=90.)
-    figure_image(figure).convert('RGB').save(path, optimize=True)
+    image = figure_image(figure).convert('RGB')
+    write_whole(Path(path), lambda unfinished: image.save(unfinished, optimize=True))
 
 
 def save_poses(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:

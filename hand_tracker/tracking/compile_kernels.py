@@ -25,6 +25,7 @@ from ..core.numerics.rigid_fit import fit_rigid
 from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandTracker
+from ..interruption import INTERRUPTED_EXIT_CODE, ended_by_interrupt
 from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.stamps import NO_STAMP, Stamp, is_repeated, seconds
@@ -35,6 +36,7 @@ from .compilation import COMPILE_TIME, STARTER_VARIABLE
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 LOCK_POLL = .1  # [s]
 COUNT_PERIOD = .5  # [s] between looks for new kernels
+COMPILED_SO_FAR = 'interrupted; the kernels compiled so far are kept'
 KERNEL_PLACES = 'core', 'messages'  # of the sets here
 
 
@@ -65,7 +67,8 @@ def compile_tracking() -> HandTracker:
 
 
 def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
-                    is_quiet: bool = False) -> None:
+                    is_quiet: bool = False,
+                    interrupted_code: int = INTERRUPTED_EXIT_CODE) -> None:
     """Compile missing kernels before they are needed, announce the wait, and show how far it is.
 
     Parameters
@@ -76,6 +79,8 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
         Whether those that label points are needed too.
     is_quiet : bool, optional
         Whether to show no progress on the standard error.
+    interrupted_code : int, optional
+        Exit code at Ctrl-C or SIGTERM meanwhile.
     """
     needed = [jit.TRACKING_SET, *[jit.LABELLING_SET] * labels_points]
     # Deferred kernels are plain Python here: they are for another process to compile.
@@ -85,7 +90,8 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
         say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
     for name in missing:
         try:
-            with nullcontext() if is_quiet else _progress_of(name):
+            with ended_by_interrupt(COMPILED_SO_FAR, interrupted_code), (
+                    nullcontext() if is_quiet else _progress_of(name)):
                 complete_set(name, SETS[name])
         except jit.KernelsUnavailable as error:
             # Without a folder to keep them in they are compiled each time.
@@ -230,8 +236,8 @@ def run_compilation(names: Sequence[str], sets: Mapping[str, Callable[[], object
     starter = int(os.environ.get(STARTER_VARIABLE, os.getppid()))
     try:
         for name in names or sets:
-            shown = name in SETS and not is_background
-            with suppress(*unavailable), _progress_of(name) if shown else nullcontext():
+            with suppress(*unavailable), ended_by_interrupt(COMPILED_SO_FAR), (
+                    _progress_of(name) if name in SETS and not is_background else nullcontext()):
                 complete_set(name, sets[name], starter)
     except StarterEnded:
         pass

@@ -1,8 +1,11 @@
 """Faults of a command line: one line, and the names that an unknown option is near to."""
 
+import signal
+
 import pytest
 
 from hand_tracker.cli import calibrate, evaluate, plot, robot, simulate, track
+from hand_tracker.cli.reporting import reporting
 
 
 @pytest.mark.parametrize('main, arguments', [
@@ -35,3 +38,24 @@ def test_a_wrong_command_line_is_told_in_one_line(main, arguments, said, capsys)
         main(list(arguments))
     assert stopped.value.code == 2
     assert capsys.readouterr().err == f'{said}\n'
+
+
+@pytest.fixture
+def handlers():
+    """Put the handlers of signals back that a command has set."""
+    before = [(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM)]
+    yield
+    for number, handler in before:
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_of_any_command_is_told_in_one_line(number, handlers, capsys):
+    @reporting
+    def main(arguments):
+        signal.raise_signal(number)
+        return 0
+
+    assert main([]) == 130
+    assert capsys.readouterr().err == ('hand_tracker test_reporting: interrupted; no unfinished '
+                                       'file is left\n')
