@@ -34,6 +34,9 @@ UNKNOWN_LABEL, UNKNOWN_RECORDING = 'LABEL', 'HAND'  # in the command that is pri
 FITTED_HAND = 'my_hand.yaml'
 LISTED_LABELS = 40
 LISTED_LAYOUTS = 4
+WHAT_LIKELIHOOD_IS = ('likelihood: the share of names in common (without names, of frames with as '
+                      'many points), times how sure the side is; from 0.9 on good, below compare '
+                      'names and side')
 
 
 def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str, Any]:
@@ -232,7 +235,9 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     for layout in found['layouts'][:LISTED_LAYOUTS]:
         lines.append(f'layout {layout["name"]}, {layout["side"]} hand: '
                      f'likelihood {layout["likelihood"]:.2f}')
-    if not found['layouts']:
+    if found['layouts']:
+        lines.append(WHAT_LIKELIHOOD_IS)
+    else:
         lines.append('no layout of a hand is known by these labels')
     if f' {UNKNOWN_RECORDING} ' in command:
         return [*lines, f"next, with a recording of the hand's markers in place of "
