@@ -1,5 +1,6 @@
 """`hand_tracker layout`: print or write a preset marker layout, to adapt."""
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -25,6 +26,8 @@ def main(args: list[str] | None = None) -> int:
     layout = preset_layout(options.name)
     if options.output:
         save_layout(options.output, layout)
+        print(f'{options.output}: {len(layout.names)} markers to adapt; then --layout '
+              f'{shlex.quote(str(options.output))} in place of {options.name}')
     else:
         sys.stdout.write(layout_text(layout))
     return 0
