@@ -254,11 +254,14 @@ def labelling_jit(kernel: Kernel) -> Kernel:
 
 
 def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any]) -> Any:
-    numba: Any = import_module('numba')
+    from .kernel_compiler import KernelCompiler, KernelDispatcher
 
     # Nothing calls kernels from C, which would cost as much compiling as from Python. The checks
     # that numba adds to raise ZeroDivisionError are a tenth of the code.
-    dispatcher = numba.njit(kernel, no_cfunc_wrapper=True, error_model='numpy', **options)
+    dispatcher = KernelDispatcher(
+        kernel, pipeline_class=KernelCompiler, targetoptions={
+            'nopython': True, 'boundscheck': None, 'no_cfunc_wrapper': True,
+            'error_model': 'numpy', **options})
     if cached:
         dispatcher._cache = _kernel_cache(kernel)
     return dispatcher
@@ -288,9 +291,11 @@ def c_callback(signature: str) -> Callable[[Callable[..., Any]], Any]:
     def compiled(function: Callable[..., Any]) -> Any:
         ccallback: Any = import_module('numba.core.ccallback')
         sigutils: Any = import_module('numba.core.sigutils')
+        from .kernel_compiler import KernelCompiler
 
         callback = ccallback.CFunc(function, sigutils.normalize_signature(signature), locals={},
-                                   options={'error_model': 'numpy'})
+                                   options={'error_model': 'numpy'},
+                                   pipeline_class=KernelCompiler)
         if DEFERRED or CACHE_FOLDER is not None:
             callback._cache = _kernel_cache(function)
         callback.compile()

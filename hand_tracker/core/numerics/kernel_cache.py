@@ -14,6 +14,8 @@ from numba.core.codegen import JITCodeLibrary, ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 
+from .kernel_compiler import is_part
+
 GivenFolder: Any = FunctionCache._impl_class._locator_classes[0]
 
 
@@ -106,7 +108,9 @@ class KernelCache(FunctionCache):
         return None
 
     def save_overload(self, types: Any, compiled: Any) -> None:
-        """Keep a compiled kernel where that is possible."""
+        """Keep a compiled kernel where that is possible; parts are in that of their callers."""
+        if is_part(compiled):
+            return
         try:
             try:
                 super().save_overload(types, compiled)
