@@ -8,7 +8,7 @@ which nobody else knows are inlined.
 
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary, ll
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
@@ -24,17 +24,26 @@ class KernelLibrary(JITCodeLibrary):
         super().add_linking_library(library)
         if isinstance(library, PartLibrary):
             self._linking_libraries.extend(library._linking_libraries)
-        self._linking_libraries = list(dict.fromkeys(self._linking_libraries))
+        # Each behind its callers: what nothing calls yet is left out as it is linked.
+        self._linking_libraries = list(dict.fromkeys(self._linking_libraries[::-1]))[::-1]
 
     def _optimize_final_module(self) -> None:
+        in_parts = {name for library in self._linking_libraries
+                    if isinstance(library, PartLibrary) for name in library.functions}
         for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage == ll.Linkage.linkonce_odr:
+            if function.name in in_parts:
                 function.linkage = 'internal'
         super()._optimize_final_module()
 
 
 class PartLibrary(KernelLibrary):
     """Code of a part, which is optimised and made machine code with that of its callers."""
+
+    @property
+    def functions(self) -> list[str]:
+        """Names of its functions, without those that they call."""
+        return [function.name for function in self._final_module.functions
+                if not function.is_declaration]
 
     def finalize(self) -> None:
         """Note that the code is complete."""
