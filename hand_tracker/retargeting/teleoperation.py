@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.model.hand import JOINTS, OTHER_SIDE, Hand
 from ..core.numerics.packs import Pack, packed
-from ..messages.stamps import UNSTAMPED
+from ..messages.stamps import UNSTAMPED, stands_still
 from .command_guard import CommandGuard
 from .follow_kernel import (
     accept_angles,
@@ -340,4 +340,5 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
     refuse_robot(one.guard.pack)
     lose_hand(one.guard.pack)
+    stands_still(UNSTAMPED, UNSTAMPED)
     one.command(0.)

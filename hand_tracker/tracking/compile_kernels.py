@@ -20,7 +20,7 @@ from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import PALM_MARKERS, marker_positions
 from ..core.model.palm_triangle import fit_wrist
 from ..core.numerics import jit
-from ..core.numerics.quaternion import write_transforms
+from ..core.numerics.quaternion import quaternion, write_transforms
 from ..core.numerics.rigid_fit import fit_rigid
 from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.pose.report import mean_residual
@@ -55,6 +55,7 @@ def compile_tracking() -> HandTracker:
     write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
                     np.empty((1, 7)))
     MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
+    quaternion(state.wrist_rotation)
     # Those who show a tracked hand call these two.
     palm, rotation, position = markers[:len(PALM_MARKERS)], np.eye(3), np.zeros(3)
     fit_wrist(palm, palm, rotation, position)

@@ -311,7 +311,7 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     Parameters
     ----------
     kernel : callable
-        Decorated by `jit`; returned as it is where it is compiled already.
+        Decorated by `jit`; compiled for them, and returned as it is, where none is deferred.
     arguments : sequence
         Arguments like those that it will be called with.
     folder : Path, optional
@@ -328,11 +328,14 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     KernelsUnavailable
         If it is not on disk.
     """
+    calls = arguments, *others
     if kernel not in _deferred_options:
+        # It may be a part of others until Python calls it.
+        for call in calls if JIT_IS_ON else ():
+            kernel.compile(tuple(map(_type_of, call)))  # type: ignore[attr-defined]
         return kernel
     _compiler(folder or CACHE_FOLDER)
     dispatcher = _dispatcher(kernel, True, _deferred_options[kernel])
-    calls = arguments, *others
     try:
         for call in calls:
             dispatcher.compile(tuple(map(_type_of, call)))

@@ -627,6 +627,8 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
         (label_candidates, ((prototype, points, free, candidates, found),)),
         (search_pairs, ((prototype, points, free, 0, 1, candidates),)),
         (label_pairs, ((prototype, points, free, candidates, found),)),
+        (palm_is_seen, ((prototype, found.rows),)),
+        (count_seen, ((found.rows,),)),
     )
 
 
