@@ -102,17 +102,20 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
 
 @contextmanager
 def _progress_of(kernel_set: str) -> Iterator[None]:
-    """Show how many kernels of a set are on disk, of how many, whichever process compiles them."""
-    counts, ended, is_whole = kernel_counts(kernel_set), Event(), False
-    total = missing_kernels(counts)
+    """Show how many kernels of a set this process has compiled, of how many."""
+    # With numba, which plain Python does without.
+    from ..core.numerics.kernel_compiler import KernelCompiler
+
+    total, first = kernel_count(kernel_set), KernelCompiler.finished
+    ended, is_whole = Event(), False
 
     def new_kernels() -> Iterator[None]:
-        before = total
+        shown = 0
         while not ended.wait(COUNT_PERIOD):
-            now = missing_kernels(counts)
-            yield from [None] * (before - now)
-            before = now
-        yield from [None] * (before if is_whole else 0)
+            now = min(KernelCompiler.finished - first, total)
+            yield from [None] * (now - shown)
+            shown = now
+        yield from [None] * (total - shown if is_whole else 0)
 
     # Beside this thread, which compiles, and which Ctrl-C reaches.
     shown = Progress(total, f'kernels of {kernel_set}').over(new_kernels())
@@ -126,26 +129,16 @@ def _progress_of(kernel_set: str) -> Iterator[None]:
         display.join()
 
 
-def kernel_counts(kernel_set: str) -> dict[str, int]:
-    """Return how many kernels each source file of a set has, by the pattern of their files."""
-    # With numba, which plain Python does without.
-    from ..core.numerics.kernel_cache import KernelFolder
-
-    counts = {}
+def kernel_count(kernel_set: str) -> int:
+    """Return how many kernels the sources of a set have."""
+    count = 0
     for source in jit.kernel_sources():
         decorators = jit.KERNEL_DECORATOR.findall(source.read_bytes())
         labels_points = any(labelling for _, labelling in decorators)
         if (source.relative_to(jit.PACKAGE).parts[0] in KERNEL_PLACES
                 and labels_points == (kernel_set == jit.LABELLING_SET)):
-            place = KernelFolder.get_suitable_cache_subpath(str(source))
-            counts[f'{place}/{source.stem}.*.nbi'] = len(decorators)
-    return counts
-
-
-def missing_kernels(counts: Mapping[str, int]) -> int:
-    """Return how many kernels of `kernel_counts` are not in the cache folder."""
-    folder = jit.needed_folder()
-    return sum(max(0, count - len(list(folder.glob(files)))) for files, count in counts.items())
+            count += len(decorators)
+    return count
 
 
 @contextmanager

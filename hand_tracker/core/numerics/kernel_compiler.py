@@ -57,9 +57,11 @@ class KernelCompiler(Compiler):
     ----------
     depth : int
         Kernels being compiled, each of which calls the next.
+    finished : int
+        Kernels and parts compiled so far.
     """
 
-    depth = 0
+    depth = finished = 0
 
     def compile_extra(self, function: Any) -> Any:
         """Compile a function, under the lock of numba's compiler."""
@@ -74,6 +76,7 @@ class KernelCompiler(Compiler):
             compiled = super().compile_extra(function)
         finally:
             KernelCompiler.depth -= 1
+        KernelCompiler.finished += 1
         if is_part:
             # A name for callers, as an entry would be.
             compiled = compiled._replace(entry_point=object())
