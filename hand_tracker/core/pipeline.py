@@ -18,13 +18,14 @@ from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
 from .inverse_kinematics.digit_angles import (
     INFERRED_DEVIATION,
     infer_principal_markers,
-    lay_digits_flat,
     refine_digits,
     solve_followed_digits,
 )
+from .inverse_kinematics.further_markers import lay_digits_flat
 from .inverse_kinematics.palm import place_palm_by_spheres
 from .inverse_kinematics.palm_arch import fit_principal_palm, lay_targets_flat
 from .labelling.association import associate
+from .labelling.digit_exchange import undo_exchanges
 from .labelling.validity import (
     associate_rows,
     check_palm,
@@ -37,7 +38,7 @@ from .model.capsules import Placement, place_capsules
 from .model.hand import DIGIT_OF_JOINT
 from .model.marker_rows import PRINCIPALS, ROW_CAPACITY
 from .model.palm_triangle import fit_wrist
-from .model.states import LOST, TRACKED, WAITING
+from .model.states import LOST, SEEN, TRACKED, WAITING
 from .numerics.jit import jit
 from .numerics.packs import Pack, overwrite
 from .numerics.stack_memory import local_flags, local_floats
@@ -109,7 +110,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         place_wrist(model, options, state)
         # 4 Inverse kinematics: place a digit's hidden principal marker by its other markers.
         if has_more_rows:
-            infer_markers(model, chains, state, markers, seen, palm == LOST, step)
+            infer_markers(model, chains, options, state, markers, seen, palm == LOST, step)
         # 2, 3 Filtering and occlusion, digits: the same; hidden ones follow the others.
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
         # 4 Inverse kinematics, digits with several markers: from the last frame's angles.
@@ -192,6 +193,8 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
     if model.rows.is_needed[0]:
+        if options.labelling.swap_margin > 0.:
+            undo_exchanges(model.rows, state.rows, state.wrist, markers, seen, step)
         measure_rows(model.rows, state.rows, markers, seen, step)
         if not options.angle_filter:
             state.average.consecutive[:] = 0
@@ -250,13 +253,14 @@ def place_wrist(model: Pack[Model], options: Pack[KernelOptions], state: Pack[St
 
 
 @jit
-def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
-                  markers: np.ndarray, seen: np.ndarray, is_lost: bool, step: float) -> None:
-    """Place each digit's hidden principal marker by the digit's other markers.
+def infer_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                  state: Pack[State], markers: np.ndarray, seen: np.ndarray, is_lost: bool,
+                  step: float) -> None:
+    """Place each digit's hidden principal marker by the digit's others, outliers refused.
 
     Parameters
     ----------
-    model, chains, state : packs
+    model, chains, options, state : packs
         As for `track_frame`; the state is changed.
     markers : ndarray, shape (8, 3)
         Changed [m].
@@ -267,12 +271,15 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
     step : float
         Since the last frame [s].
     """
-    model, chains, state = model[0], chains[0], state[0]
+    model, chains, state, labelling = model[0], chains[0], state[0], options[0].labelling
     if is_lost:
         state.rows.is_measured[:] = False
         state.rows.is_fitted[:] = False
+        state.rows.verdict[:] = SEEN
+        state.rows.away_for[:] += step
         return
-    lay_digits_flat(model.rows, state.rows, state.wrist)
+    lay_digits_flat(chains, model.rows, state.rows, state.wrist, state.changed,
+                    state.noise.deviation, step, labelling.outlier_gate > 0., labelling.patience)
     infer_principal_markers(chains, model.rows, state.rows, state.wrist, state.angles, markers,
                             seen, step)
 

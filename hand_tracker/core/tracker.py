@@ -184,6 +184,7 @@ class HandTracker:
         """
         # As if the digits came back.
         self._state.digits.seen[:] = self._state.rows.is_measured[:] = False
+        self._state.rows.away_for[:] = np.inf
         self._state.average.consecutive[:] = 0
         self._state.pace.measured_for[:], self._state.pace.velocity[:] = np.inf, 0.
 

@@ -174,7 +174,7 @@ def _write_link(workspace: DigitWorkspace, j: int, axes: Frame, origin: Vector,
 
 
 @jit
-def _marker_on_digit(rows: MarkerRows, state: RowState, row: int, angles: np.ndarray,
+def marker_on_digit(rows: MarkerRows, state: RowState, row: int, angles: np.ndarray,
                      workspace: DigitWorkspace) -> tuple[Vector, Vector]:
     """Return where a marker is expected on a placed digit, and the landmark that it is at [m]."""
     link = rows.link[row]
@@ -307,7 +307,7 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
         if rows.digit[row] != digit or not state.is_fitted[row]:
             continue
         fitted += 1
-        place, end = _marker_on_digit(rows, state, row, angles, workspace)
+        place, end = marker_on_digit(rows, state, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         link = rows.link[row]
         # By how far a marker is off its place, shifted or not: as shifts fade the weights stay. The
@@ -395,35 +395,14 @@ def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: i
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
     place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
-    return _marker_on_digit(rows, state, 3 + digit, workspace.angles, workspace)[0]
+    return marker_on_digit(rows, state, 3 + digit, workspace.angles, workspace)[0]
 
 
 @jit
-def lay_digits_flat(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
-    """Write the digits' measured markers in the wrist's frame, the palm laid flat, to be fitted.
-
-    Parameters
-    ----------
-    rows : MarkerRows
-    state : RowState
-        Its `local` and `is_fitted` are replaced.
-    wrist : Wrist
-    """
-    axes, origin = frame(wrist.rotation), vector(wrist.position)
-    for row in range(rows.used[0]):
-        state.is_fitted[row] = state.is_measured[row]
-        if rows.digit[row] >= 0 and state.is_measured[row]:
-            _lay_flat(rows, state, row, components(
-                axes, subtract(vector(state.points[row]), origin)))
-
-
-@jit
-def _lay_flat(rows: MarkerRows, state: RowState, row: int, local: Vector) -> None:
-    """Write a digit's marker, in the wrist's frame [m], to `state.local`, the palm laid flat."""
+def lay_flat(rows: MarkerRows, state: RowState, row: int, local: Vector) -> Vector:
+    """Return a digit's marker, in the wrist's frame [m], where it is with the palm laid flat."""
     digit = rows.digit[row]
-    if digit < 4:
-        local = flexed(local, vector(rows.cmc[digit]), -state.arch[digit])
-    store(state.local, row, local)
+    return flexed(local, vector(rows.cmc[digit]), -state.arch[digit]) if digit < 4 else local
 
 
 @jit
@@ -502,7 +481,7 @@ def solve_followed_digits(chains: Chains, rows: MarkerRows, state: RowState, see
                 changed[digit] or not state.is_measured[principal]):
             continue
         if not seen[principal]:
-            _lay_flat(rows, state, principal, vector(places[digit]))
+            store(state.local, principal, lay_flat(rows, state, principal, vector(places[digit])))
             state.is_fitted[principal] = True
         _, cost = _solve_digit_angles(chains, rows, state, digit, state.angles, walk, workspace)
         state.is_solved[digit] = cost < FAR_OFF
@@ -580,7 +559,7 @@ def _learn_shifts(rows: MarkerRows, state: RowState, digit: int, step: float,
     total, count = 0., 0
     for row in range(rows.used[0]):
         if rows.digit[row] == digit and state.is_measured[row]:
-            place, _ = _marker_on_digit(rows, state, row, workspace.angles, workspace)
+            place, _ = marker_on_digit(rows, state, row, workspace.angles, workspace)
             miss = subtract(vector(state.local[row]), place)
             square = dot(miss, miss)
             total += square / (rows.variance[row] * (1. + square / (OUTLIER * OUTLIER)))

@@ -213,7 +213,7 @@ def associate_rows(rows: MarkerRows, state: RowState, markers: np.ndarray, seen:
     palm_changed : bool
         As of `note_changes`.
     changed : ndarray of bool, shape (5,)
-        Digits whose evidence changed; replaced for those with several markers.
+        Digits whose evidence changed; that of the palm counts for those with several markers.
     """
     for row in range(3, PRINCIPALS):
         state.is_measured[row] = seen[row]
@@ -226,7 +226,3 @@ def associate_rows(rows: MarkerRows, state: RowState, markers: np.ndarray, seen:
         if state.is_measured[row]:
             state.is_known[row] = True
             state.hidden_for[row] = 0.
-        digit = rows.digit[row]
-        if digit >= 0 and rows.has_several[digit] and (
-                state.is_measured[row] != state.was_measured[row]):
-            changed[digit] = True

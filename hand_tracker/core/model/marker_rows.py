@@ -14,6 +14,7 @@ from .marker_layout import (
     PALM_LANDMARKS,
     MarkerLayout,
 )
+from .states import SEEN
 
 PRINCIPALS = len(MARKERS)
 LAYOUT_CAPACITY = COUNT_RANGE[1]
@@ -165,6 +166,15 @@ class RowState(NamedTuple):
         Whether measured since the start.
     hidden_for : ndarray, shape (65,)
         [s]
+    away_for : ndarray, shape (65,)
+        Time since a digit's marker was last seen in place, infinite before it was [s].
+    velocity : ndarray, shape (65, 3)
+        Of the digits' markers then, in the wrist's frame, the palm laid flat [m/s].
+    verdict : ndarray of int, shape (65,)
+        REJECTED of a digit's further marker that is refused, SWAPPED of two of a digit whose labels
+        are exchanged, else SEEN.
+    refused_at : ndarray, shape (65, 3)
+        Where a refused marker was last, as `local` [m].
     arch : ndarray, shape (4,)
         Flexion of the fingers' CMC joints [rad].
     angles : ndarray, shape (25,)
@@ -201,6 +211,10 @@ class RowState(NamedTuple):
     is_fitted: np.ndarray
     is_known: np.ndarray
     hidden_for: np.ndarray
+    away_for: np.ndarray
+    velocity: np.ndarray
+    verdict: np.ndarray
+    refused_at: np.ndarray
     arch: np.ndarray
     angles: np.ndarray
     deviation: np.ndarray
@@ -223,7 +237,9 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
         return np.zeros(ROW_CAPACITY, dtype=bool)
 
     return RowState(np.full((ROW_CAPACITY, 3), np.nan), none(), none(), none(), none(),
-                    np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
+                    np.zeros(ROW_CAPACITY), np.full(ROW_CAPACITY, np.inf),
+                    np.zeros((ROW_CAPACITY, 3)), np.full(ROW_CAPACITY, SEEN),
+                    np.zeros((ROW_CAPACITY, 3)), np.zeros(len(FINGERS)), relaxed.copy(),
                     np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool),
                     np.zeros(len(DIGITS) + 1, dtype=bool),

@@ -217,6 +217,14 @@ def clamp(value: float, lower: float, upper: float) -> float:
 
 
 @jit
+def off_way(moved: Vector, ahead: Vector) -> float:
+    """Return how far a motion is off the way from none to `ahead` [m]."""
+    square = dot(ahead, ahead)
+    along = clamp(dot(moved, ahead) / square, 0., 1.) if square > 0. else 0.
+    return distance(moved, scale(ahead, along))
+
+
+@jit
 def deviation_within(variance: float, prior: float, lost: float) -> float:
     """Return the posterior standard deviation of an observation and a prior, fading to the prior.
 

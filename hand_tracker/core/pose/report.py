@@ -293,6 +293,8 @@ def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.nda
             miss = math.nan
         kind = SEEN if measured else ABSENT if not state.is_known[row] else (
             STALE if state.hidden_for[row] > longest else PREDICTED)
+        if state.verdict[row] != SEEN:
+            kind = state.verdict[row]
         if row < PRINCIPALS:
             if measured or report.marker_states[row] == SEEN:
                 for k in range(3):

@@ -1,9 +1,15 @@
 """Vector functions of kernels, against NumPy's and SciPy's."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.numerics.vectors import rotate_about, rotate_about_y, solve_symmetric
+from hand_tracker.core.numerics.vectors import (
+    off_way,
+    rotate_about,
+    rotate_about_y,
+    solve_symmetric,
+)
 
 
 def test_rotations_are_those_of_scipy():
@@ -29,3 +35,11 @@ def test_a_symmetric_system_is_solved_and_a_singular_one_gives_zero():
         np.testing.assert_allclose(found, np.linalg.solve(matrix, m), rtol=1e-9)
     flat = ((1., 0., 0.), (0., 1., 0.), (0., 0., 0.))
     assert solve_symmetric(*flat, (1., 2., 3.)) == (0., 0., 0.)
+
+
+def test_a_motion_is_off_the_way_ahead_by_its_distance_from_a_segment():
+    ahead = (2., 0., 0.)
+    for moved, off in (((1., 3., 0.), 3.), ((2., 0., 1.), 1.), ((5., 4., 0.), 5.),
+                       ((-3., 0., 4.), 5.), ((1., 0., 0.), 0.)):
+        assert off_way(moved, ahead) == pytest.approx(off)
+    assert off_way((3., 4., 0.), (0., 0., 0.)) == 5.
