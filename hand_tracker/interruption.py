@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import current_thread, main_thread
 
 INTERRUPTED_EXIT_CODE = 130
+STANDARD_ERROR = 2
 
 
 @contextmanager
@@ -29,7 +29,8 @@ def ended_by_interrupt(saying: str = '', exit_code: int = INTERRUPTED_EXIT_CODE)
     def end(number: int, frame: object) -> None:
         if saying:
             # Below what is drawn there.
-            os.write(sys.stderr.fileno(), f'\n{saying}\n'.encode())
+            with suppress(OSError):
+                os.write(STANDARD_ERROR, f'\n{saying}\n'.encode())
         os._exit(exit_code)
 
     # Other threads get no signals, and may set no handlers.

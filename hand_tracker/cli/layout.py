@@ -2,10 +2,11 @@
 
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
 from ..core.model.layout_presets import LAYOUT_NAMES, preset_layout
-from ..output_files import YAML_SUFFIXES, require_suffix
+from ..output_files import YAML_SUFFIXES, require_suffix, write_keeping_replaced
 from .reporting import CommandParser, reporting
 
 
@@ -25,9 +26,10 @@ def main(args: list[str] | None = None) -> int:
 
     layout = preset_layout(options.name)
     if options.output:
-        save_layout(options.output, layout)
+        kept = write_keeping_replaced(options.output, partial(save_layout, layout=layout))
         print(f'{options.output}: {len(layout.names)} markers to adapt; then --layout '
-              f'{shlex.quote(str(options.output))} in place of {options.name}')
+              f'{shlex.quote(str(options.output))} in place of {options.name}'
+              + (f'; the former file is {kept}' if kept else ''))
     else:
         sys.stdout.write(layout_text(layout))
     return 0

@@ -6,6 +6,7 @@ Every step takes the records of `records` and `options` whole, as packs of one
 # mypy: allow-redefinition
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -67,7 +68,8 @@ CONTACT_RELEASE_TIME = .05  # [s] in which a contact's change of the angles fall
 MIN_CONTACT_OFFSET = 1e-6   # [rad]
 
 
-@jit
+# Both paths of a node run the very same code.
+@partial(jit, is_whole=True)
 def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
                 clock: Pack[FrameClock], blank: Pack[State], state: Pack[State],
                 report: Pack[Report], markers: np.ndarray, time: float) -> bool:
@@ -158,6 +160,7 @@ def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
     if paused:
         clear_motion(state[0].palm)
         clear_motion(state[0].digits)
+        state[0].rows.velocity[:] = 0.
     for i in range(len(markers)):
         for k in range(3):
             markers[i, k] *= model[0].mirror[k]
@@ -193,8 +196,8 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
     if model.rows.is_needed[0]:
-        if options.labelling.swap_margin > 0.:
-            undo_exchanges(model.rows, state.rows, state.wrist, markers, seen, step)
+        undo_exchanges(model.rows, state.rows, state.wrist, markers, seen, step,
+                       options.labelling.swap_margin > 0.)
         measure_rows(model.rows, state.rows, markers, seen, step)
         if not options.angle_filter:
             state.average.consecutive[:] = 0

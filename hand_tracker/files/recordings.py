@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from functools import partial
@@ -215,11 +216,6 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
         raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
     if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         raise RecordingError(f'{path}: a text of UTF-16; expected one of UTF-8')
-    if head.startswith(ROS_1_START):
-        raise RecordingError(
-            f'{path}: a recording of ROS 1; expected one of ROS 2, as of rosbags-convert '
-            f'--src {path} --dst {path.stem} --src-typestore ros1_noetic '
-            '--dst-typestore ros2_jazzy')
     if _starts(f'{TIME_COLUMN},')(head):
         raise RecordingError(f'{path}: angles of joints, as `track` writes them; expected the '
                              'recording that they were found in')
@@ -229,8 +225,12 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
                              f'OptiTrack, nor with {VICON_BLOCK!r}, as of Vicon; expected one of '
                              'these')
     if found is None:
+        cure = '' if not head.startswith(ROS_1_START) else (
+            f': of this one of ROS 1 rosbags-convert --src {shlex.quote(str(path))} --dst '
+            f'{shlex.quote(path.stem)} --src-typestore ros1_noetic --dst-typestore ros2_jazzy '
+            'makes one')
         raise RecordingError(f'{path}: its beginning is that of no known format; expected '
-                             f'{KNOWN_FORMATS}')
+                             f'{KNOWN_FORMATS}{cure}')
     return found
 
 

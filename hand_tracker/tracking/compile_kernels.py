@@ -90,14 +90,14 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False,
     if missing:
         say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
     for name in missing:
-        try:
-            with ended_by_interrupt(COMPILED_SO_FAR, interrupted_code), (
-                    nullcontext() if is_quiet else _progress_of(name)):
+        with ended_by_interrupt(COMPILED_SO_FAR, interrupted_code), (
+                nullcontext() if is_quiet else _progress_of(name)):
+            try:
                 complete_set(name, SETS[name])
-        except jit.KernelsUnavailable as error:
-            # Without a folder to keep them in they are compiled each time.
-            jit.report_unkept(error)
-            SETS[name]()
+            except jit.KernelsUnavailable as error:
+                # Without a folder to keep them in they are compiled each time.
+                jit.report_unkept(error)
+                SETS[name]()
 
 
 @contextmanager

@@ -398,8 +398,8 @@ def test_a_last_line_without_an_end_is_read_and_doubted_where_it_may_be_cut(
     ('a.bvh', 'HIERARCHY\nROOT a\n{\n}\nMOTION\n', r'hierarchy that is not whole'),
     ('a.csv', 'a,b\n1,2\n', r'begins neither with'),
     ('a.csv', 'time_s,right_index_pip_flexion_deg\r\n0.0,1.0\r\n', r'angles of joints, as `track`'),
-    ('a.bag', '#ROSBAG V2.0\n', r'of ROS 1; expected one of ROS 2, as of rosbags-convert --src .*'
-                                r'a\.bag --dst a --src-typestore ros1_noetic'),
+    ('a.bag', '#ROSBAG V2.0\n', r'no known format; expected .*: of this one of ROS 1 '
+                                r'rosbags-convert --src .*a\.bag --dst a --src-typestore ros1_n'),
     ('a.csv', 'time_stamp,x\n0,1\n', r'begins neither with'),
     ('a.txt', 'hello', r'no known format; expected C3D'),
     ('a.c3d', '', r'has no bytes'),

@@ -33,7 +33,7 @@ MET_MISFIT = 20.    # [1] below which a digit meets its markers: exchanged ones 
 
 @jit
 def undo_exchanges(rows: MarkerRows, state: RowState, wrist: Wrist, markers: np.ndarray,
-                   seen: np.ndarray, step: float) -> None:
+                   seen: np.ndarray, step: float, is_on: bool) -> None:
     """Exchange two markers of a digit whose labels were exchanged, those that fit that best.
 
     Parameters
@@ -48,6 +48,8 @@ def undo_exchanges(rows: MarkerRows, state: RowState, wrist: Wrist, markers: np.
     seen : ndarray of bool, shape (n,)
     step : float
         Since the last frame [s].
+    is_on : bool
+        Whether labels may be exchanged.
     """
     axes, used, palm = frame(wrist.rotation), min(rows.used[0], len(seen)), -1
     for row in range(used):
@@ -55,18 +57,19 @@ def undo_exchanges(rows: MarkerRows, state: RowState, wrist: Wrist, markers: np.
             state.verdict[row] = SEEN
         if palm < 0 and row < 3 and seen[row]:
             palm = row
-    if palm < 0:
+    if palm < 0 or not is_on:
         return
+    longest = EXCHANGE_GAP - step
     place = add(vector(rows.end[palm]), vector(rows.offset[palm]))
     for digit in range(5):
         if not rows.has_several[digit] or state.misfit[digit] >= MET_MISFIT:
             continue
         least, one, other = MOST_OFF, -1, -1
         for i in range(PRINCIPALS, used):
-            if rows.digit[i] != digit or not seen[i] or state.away_for[i] >= EXCHANGE_GAP:
+            if rows.digit[i] != digit or not seen[i] or state.away_for[i] >= longest:
                 continue
             for j in range(3 + digit, i):
-                if rows.digit[j] != digit or not seen[j] or state.away_for[j] >= EXCHANGE_GAP:
+                if rows.digit[j] != digit or not seen[j] or state.away_for[j] >= longest:
                     continue
                 way = components(axes, subtract(vector(markers[i]), vector(markers[j])))
                 a, b = vector(state.local[i]), vector(state.local[j])

@@ -234,12 +234,13 @@ def jit(kernel: Kernel, is_deferred: bool = DEFERRED, **options: Any) -> Kernel:
     Parameters
     ----------
     kernel : callable
-        Pure function of scalars, tuples and fixed-size arrays. It may call other kernels; the
-        caller checks its arguments.
+        Pure function of scalars, tuples and fixed-size arrays. It may call other kernels, which
+        become parts of it; the caller checks its arguments.
     is_deferred : bool, optional
         Whether it is plain Python until `load_kernel`.
     **options
-        Further options of `numba.njit`.
+        Further options of `numba.njit`; `is_whole`: whether it is never a part, so that all its
+        callers run the same code.
     """
     if is_deferred:
         _deferred_options[kernel] = options
@@ -261,7 +262,9 @@ def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any
     dispatcher = KernelDispatcher(
         kernel, pipeline_class=KernelCompiler, targetoptions={
             'nopython': True, 'boundscheck': None, 'no_cfunc_wrapper': True,
-            'error_model': 'numpy', **options})
+            'error_model': 'numpy',
+            **{name: value for name, value in options.items() if name != 'is_whole'}})
+    dispatcher.is_whole = options.get('is_whole', False)
     if cached:
         dispatcher._cache = _kernel_cache(kernel)
     return dispatcher
@@ -306,7 +309,7 @@ def c_callback(signature: str) -> Callable[[Callable[..., Any]], Any]:
 
 def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None,
                 others: Sequence[Sequence[Any]] = ()) -> Kernel:
-    """Return a kernel as compiled before, for arguments of these types, without compiling it.
+    """Return a kernel that is ready for arguments of these types: deferred, it comes from the disk.
 
     Parameters
     ----------
@@ -326,7 +329,7 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     Raises
     ------
     KernelsUnavailable
-        If it is not on disk.
+        If a deferred one is not on disk.
     """
     calls = arguments, *others
     if kernel not in _deferred_options:

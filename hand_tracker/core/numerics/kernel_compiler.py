@@ -86,17 +86,30 @@ class KernelCompiler(Compiler):
 
 
 class KernelDispatcher(CPUDispatcher):
-    """Numba's dispatcher of a kernel, whose parts become kernels when Python calls them."""
+    """Numba's dispatcher of a kernel; a part becomes a kernel when Python calls it.
+
+    Attributes
+    ----------
+    is_whole : bool
+        Whether it is a kernel for its callers, too.
+    """
+
+    is_whole = False
 
     def compile(self, signature: Any) -> Any:
         """Compile for arguments of these types where that is not done; return the entry."""
         with global_compiler_lock:
-            types = tuple(getattr(signature, 'args', signature))
-            if not KernelCompiler.depth and types in self.overloads and is_part(
+            types, depth = tuple(getattr(signature, 'args', signature)), KernelCompiler.depth
+            if not depth and types in self.overloads and is_part(
                     self.overloads[types]):
                 del self.overloads[types]
                 self._cache_misses[signature] -= 1  # counted as it was a part
-            return super().compile(signature)
+            if self.is_whole:
+                KernelCompiler.depth = 0
+            try:
+                return super().compile(signature)
+            finally:
+                KernelCompiler.depth = depth
 
     def add_overload(self, compiled: Any) -> None:
         """Add a compiled kernel; a part has no entry that Python may find."""
