@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children
+from traceback import walk_tb
 from typing import Any, NamedTuple, TypeVar
 
 from .core.errors import HandTrackerError
@@ -177,7 +178,14 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task],
 def _without_lost_tasks() -> Iterator[None]:
     """Keep quiet a thread of joblib's that misses the tasks which an interruption took from it."""
     before = threading.excepthook
-    threading.excepthook = lambda fault: None if fault.exc_type is KeyError else before(fault)
+
+    def report(fault: threading.ExceptHookArgs) -> None:
+        is_joblibs = any('joblib' in frame.f_code.co_filename
+                         for frame, _ in walk_tb(fault.exc_traceback))
+        if not (is_joblibs and fault.exc_type is KeyError):
+            before(fault)
+
+    threading.excepthook = report
     try:
         yield
     finally:

@@ -389,13 +389,14 @@ def _add_coupling_prior(matrix: np.ndarray, gradient: np.ndarray, angles: np.nda
 
 
 @jit
-def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                     workspace: DigitWorkspace) -> Vector:
-    """Return where a digit's principal marker is by its solved angles, the palm flat [m]."""
+def place_on_digit(chains: Chains, rows: MarkerRows, state: RowState, row: int,
+                   workspace: DigitWorkspace) -> Vector:
+    """Return where a digit's marker is by its solved angles, the palm flat [m]."""
+    digit = rows.digit[row]
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
     place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
-    return marker_on_digit(rows, state, 3 + digit, workspace.angles, workspace)[0]
+    return marker_on_digit(rows, state, row, workspace.angles, workspace)[0]
 
 
 @jit
@@ -443,7 +444,7 @@ def infer_principal_markers(chains: Chains, rows: MarkerRows, state: RowState, w
             continue
         workspace = local_digit_workspace()
         if _solve_digit_angles(chains, rows, state, digit, angles, walk, workspace)[0]:
-            local = _principal_place(chains, rows, state, digit, workspace)
+            local = place_on_digit(chains, rows, state, 3 + digit, workspace)
             if digit < 4:
                 local = flexed(local, vector(rows.cmc[digit]), state.arch[digit])
             store(markers, 3 + digit, add(origin, rotate(axes, local)))

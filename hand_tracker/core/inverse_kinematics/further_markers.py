@@ -17,7 +17,6 @@ from ..model.states import REJECTED, SEEN
 from ..numerics.jit import jit
 from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import (
-    Vector,
     add,
     components,
     frame,
@@ -29,7 +28,7 @@ from ..numerics.vectors import (
     vector,
 )
 from .digit import Chains
-from .digit_angles import lay_flat, local_digit_workspace, marker_on_digit, place_digit
+from .digit_angles import lay_flat, local_digit_workspace, place_on_digit
 
 # Greatest distance from that way, beyond STRAY_RATIO times that of the principal marker: simulated
 # hands stay within 3 mm from 30 Hz on, captured ones within 5 mm in 996 to 1000 of 1000 frames.
@@ -70,7 +69,7 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     time, longest = max(step, 1e-4), patience if patience > 0. else math.inf
-    bases, gates = local_floats(5), local_floats(5)
+    bases, gates, workspace = local_floats(5), local_floats(5), local_digit_workspace()
     bases[:] = gates[:] = math.inf
     for digit in range(5 if gated else 0):
         bases[digit] = FURTHER_GATE_BASE + FURTHER_GATE_NOISE * noise[3 + digit]
@@ -94,7 +93,7 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
                 stays_refused = was_refused and off <= gates[digit] and away_for < longest
                 stray = 0.
                 if not state.was_measured[row] and away_for < math.inf:
-                    back = subtract(local, _place_on_digit(chains, rows, state, row))
+                    back = subtract(local, place_on_digit(chains, rows, state, row, workspace))
                     usual = math.sqrt(state.misfit[digit] * rows.variance[row])
                     # A refused marker that is in place again need not have leapt there.
                     stays_refused = stays_refused and length(back) > bases[digit] + usual
@@ -120,12 +119,3 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
             if rows.has_several[digit] and state.is_measured[row] != state.was_measured[row]:
                 changed[digit] = True
         state.is_fitted[row] = state.is_measured[row]
-
-
-@jit
-def _place_on_digit(chains: Chains, rows: MarkerRows, state: RowState, row: int) -> Vector:
-    """Return where a marker is on its digit as solved in the last frame, the palm flat [m]."""
-    first = 5 * rows.digit[row]
-    angles, workspace = state.angles[first:first + 5], local_digit_workspace()
-    place_digit(chains, rows.bone_ends, rows.digit[row], angles, workspace)
-    return marker_on_digit(rows, state, row, angles, workspace)[0]

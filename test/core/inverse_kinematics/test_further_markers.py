@@ -2,44 +2,20 @@
 
 import numpy as np
 import pytest
+from helpers.worn_layouts import SEVERAL_A_DIGIT, WEARER, WORN_RATE, markers_of, tracked
 
-from hand_tracker.core.model.hand import Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.model.marker_rows import layout_rows, marker_rows
 from hand_tracker.core.model.states import MarkerState
-from hand_tracker.core.tracker import HandTracker, TrackerOptions
-from hand_tracker.simulation.motions import motion_named
+from hand_tracker.core.tracker import HandTracker
 
-HAND = Hand.scaled()
-LAYOUTS = 'optitrack_hand', 'dfki13', 'sig18_19', 'kyutech23'
-RATE = 120.
-OTHER_HAND = HAND.replace(**{name: 1.1 * getattr(HAND, name) for name in (
+OTHER_HAND = WEARER.replace(**{name: 1.1 * getattr(WEARER, name) for name in (
     'finger_cmc', 'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones')})
-
-
-def markers_of(layout, motion='demo', rate=RATE, seconds=3.):
-    times = np.arange(int(rate * seconds)) / rate
-    moved = motion_named(motion, HAND, 1, 10.).sample(times + 2.)
-    # Not named as the paper's eight, knuckles ride on their metacarpals.
-    riding = MarkerLayout(layout.places, layout.offsets, names=[f'{n}.' for n in layout.names],
-                          skin_shares=layout.skin_shares)
-    places = marker_positions(
-        riding.mounting(HAND), forward(joint_table(HAND), *moved), *moved[1:])
-    return places + np.random.default_rng(0).normal(scale=2e-4, size=places.shape)
-
-
-def tracked(layout, frames, rate=RATE, hand=HAND, **options):
-    tracker = HandTracker(hand, layout, TrackerOptions(**options))
-    states = [tracker.update(frame, i / rate) for i, frame in enumerate(frames)]
-    return (np.degrees([state.angles for state in states]),
-            np.array([state.marker_states for state in states]))
 
 
 def further(layout):
     """Return the further markers of the digits, one digit after the other."""
-    rows = marker_rows(HAND, layout, 'observed')
+    rows = marker_rows(WEARER, layout, 'observed')
     order = layout_rows(layout)
     return [[int(order[row]) for row in range(8, len(order)) if rows.digit[row] == digit]
             for digit in range(5)]
@@ -56,7 +32,7 @@ def directions(count):
 
 @pytest.mark.parametrize('frames', [1, 24])
 @pytest.mark.parametrize('size', [.015, .02, .04])
-@pytest.mark.parametrize('name', LAYOUTS)
+@pytest.mark.parametrize('name', SEVERAL_A_DIGIT)
 def test_a_ghost_moves_a_digit_no_more_than_a_hidden_marker(name, size, frames):
     layout = preset_layout(name)
     true = markers_of(layout)
@@ -83,19 +59,19 @@ def test_ghosts_would_bend_the_digits():
 
 @pytest.mark.parametrize('rate', [30., 120., 480.])
 @pytest.mark.parametrize('motion', ['demo', 'piano', 'shaking'])
-@pytest.mark.parametrize('name', LAYOUTS)
+@pytest.mark.parametrize('name', SEVERAL_A_DIGIT)
 def test_true_markers_are_not_refused(name, motion, rate):
     layout = preset_layout(name)
     frames = markers_of(layout, motion, rate)
     offset = layout.with_offsets(layout.offsets + np.where(
         np.abs(layout.offsets) < .05, .005 * directions(len(layout.names)), 0.))
-    for hand, worn in ((HAND, layout), (OTHER_HAND, layout), (HAND, offset)):
+    for hand, worn in ((WEARER, layout), (OTHER_HAND, layout), (WEARER, offset)):
         _, states = tracked(worn, frames, rate, hand)
         assert (states[:, sum(further(layout), [])] == MarkerState.SEEN).all()
 
 
-@pytest.mark.parametrize(('hand', 'share'), [(HAND, .002), (OTHER_HAND, .02)])
-@pytest.mark.parametrize('name', LAYOUTS)
+@pytest.mark.parametrize(('hand', 'share'), [(WEARER, .002), (OTHER_HAND, .02)])
+@pytest.mark.parametrize('name', SEVERAL_A_DIGIT)
 def test_true_markers_that_come_and_go_are_hardly_ever_refused(name, hand, share):
     layout = preset_layout(name)
     frames = markers_of(layout, 'piano')
@@ -122,21 +98,21 @@ def test_a_refused_marker_is_hidden_for_as_long_as_it_was_before():
     frames, marker = markers_of(layout), one_of_each_digit(layout=preset_layout('kyutech23'))[1]
     frames[150:154, marker] = np.nan
     frames[154:156, marker] += (0., 0., .04)
-    tracker = HandTracker(HAND, layout)
-    hidden_for = [tracker.update(frame, i / RATE).hidden_for[marker]
+    tracker = HandTracker(WEARER, layout)
+    hidden_for = [tracker.update(frame, i / WORN_RATE).hidden_for[marker]
                   for i, frame in enumerate(frames[:158])]
     assert hidden_for[148:] == pytest.approx(
-        [0., 0., *(np.arange(1, 7) / RATE), 0., 0.], abs=1e-9)
+        [0., 0., *(np.arange(1, 7) / WORN_RATE), 0., 0.], abs=1e-9)
 
 
 def test_another_hand_makes_no_marker_an_outlier():
     layout = preset_layout('optitrack_hand')
     frames = markers_of(layout)
-    tracker = HandTracker(HAND, layout)
+    tracker = HandTracker(WEARER, layout)
     for i, frame in enumerate(frames):
         if i in (120, 200):
-            tracker.configure(hand=OTHER_HAND if i == 120 else HAND)
-        state = tracker.update(frame, i / RATE)
+            tracker.configure(hand=OTHER_HAND if i == 120 else WEARER)
+        state = tracker.update(frame, i / WORN_RATE)
         assert (state.marker_states == MarkerState.SEEN).all()
 
 
@@ -150,5 +126,3 @@ def test_the_digits_of_a_palm_that_leaps_as_it_loses_a_marker_are_believed():
     frames[180:, layout.principal[0]] = np.nan
     _, states = tracked(wrong, frames)
     assert (states[180, sum(further(layout), [])] == MarkerState.SEEN).all()
-
-

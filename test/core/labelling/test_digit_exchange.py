@@ -4,36 +4,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from helpers.worn_layouts import SEVERAL_A_DIGIT, markers_of, tracked
 
-from hand_tracker.core.model.hand import Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import PALM_LANDMARKS, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import PALM_LANDMARKS
 from hand_tracker.core.model.states import MarkerState
-from hand_tracker.core.tracker import HandTracker, TrackerOptions
-from hand_tracker.simulation.motions import motion_named
-
-HAND = Hand.scaled()
-LAYOUTS = 'optitrack_hand', 'dfki13', 'sig18_19', 'kyutech23'
-RATE = 120.
-
-
-def markers_of(layout, motion='demo', rate=RATE, seconds=3.):
-    times = np.arange(int(rate * seconds)) / rate
-    moved = motion_named(motion, HAND, 1, 10.).sample(times + 2.)
-    # Not named as the paper's eight, knuckles ride on their metacarpals.
-    riding = MarkerLayout(layout.places, layout.offsets, names=[f'{n}.' for n in layout.names],
-                          skin_shares=layout.skin_shares)
-    places = marker_positions(
-        riding.mounting(HAND), forward(joint_table(HAND), *moved), *moved[1:])
-    return places + np.random.default_rng(0).normal(scale=2e-4, size=places.shape)
-
-
-def tracked(layout, frames, rate=RATE, **options):
-    tracker = HandTracker(HAND, layout, TrackerOptions(**options))
-    states = [tracker.update(frame, i / rate) for i, frame in enumerate(frames)]
-    return (np.degrees([state.angles for state in states]),
-            np.array([state.marker_states for state in states]))
 
 
 def pairs_of(layout, digit):
@@ -51,7 +26,7 @@ def exchanged(frames, pairs, part):
 
 @pytest.mark.parametrize(('motion', 'rate'), [
     ('demo', 30.), ('demo', 120.), ('piano', 120.), ('piano', 480.)])
-@pytest.mark.parametrize('name', LAYOUTS)
+@pytest.mark.parametrize('name', SEVERAL_A_DIGIT)
 def test_markers_exchanged_within_a_digit_are_exchanged_back(name, motion, rate):
     layout = preset_layout(name)
     frames = markers_of(layout, motion, rate)
