@@ -44,8 +44,8 @@ AxisTerms = tuple[AxisState, AxisState, AxisState]
 # L, or a derivative of it, on every axis: ((a, b, c), (0, d, b), (0, e, d)).
 Turn = tuple[float, float, float, float, float]
 
-# Products and sums written there are rounded once; inlined, as tuples are passed through memory.
-fused_jit = partial(jit, fastmath={'contract'}, forceinline=True)
+# Inlined, as tuples are passed through memory; not fused, so that all callers round alike.
+inlined_jit = partial(jit, forceinline=True)
 
 
 @jit
@@ -119,7 +119,7 @@ def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
     )
 
 
-@fused_jit
+@inlined_jit
 def turned(turn: Turn, axis: AxisState) -> AxisState:
     """Return the product of L, or a derivative of it, with the state on an axis."""
     return (turn[0] * axis[0] + turn[1] * axis[1] + turn[2] * axis[2],
@@ -191,7 +191,7 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     _limit_state(mean, covariance)
 
 
-@fused_jit
+@inlined_jit
 def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector, rate: float,
                   speed2: float, uncertainty: float) -> tuple[AxisTerms, float, float]:
     """Return moments of the squared turn rate ρ = N / speed2², N = |v|²|a|² − (v·a)², not bounded.
@@ -232,7 +232,7 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
         dot(by_velocity, of_velocity) + dot(by_acceleration, of_acceleration), trace)
 
 
-@fused_jit
+@inlined_jit
 def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: Vector) -> Vector:
     """Return three rows of the covariance times a velocity and an acceleration."""
     x, y, z = 0., 0., 0.
@@ -244,7 +244,7 @@ def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: V
     return x, y, z
 
 
-@fused_jit
+@inlined_jit
 def _turn_mean(mean: np.ndarray, k: int, turns: tuple[Turn, Turn, Turn], with_rate: AxisState,
                variance: float, trace: float) -> AxisTerms:
     """Replace the mean on an axis; return u, w and m on it, by which the covariance changes.
@@ -261,7 +261,7 @@ def _turn_mean(mean: np.ndarray, k: int, turns: tuple[Turn, Turn, Turn], with_ra
     return u, w, m
 
 
-@fused_jit
+@inlined_jit
 def _turn_covariance(covariance: np.ndarray, k: int, other: int, turn: Turn, terms: AxisTerms,
                      other_terms: AxisTerms) -> None:
     """Replace the covariance of the states on two axes: J P Jᵀ + β m mᵀ."""
