@@ -87,8 +87,6 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         If others use its topics, a node ends early, or nothing was answered.
     """
     processes: list[subprocess.Popen[bytes]] = []
-    # A closing terminal or a killed script ends the nodes too.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         rclpy.init()
         node = rclpy.create_node('demo')

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..output_files import write_whole
-from .images import blank_figure, place_image, write_text
+from .images import blank_figure, place_image, write_figure, write_text
 from .palette import INK, PAPER_WHITE
 from .render import Mesh, ball_mesh, bone_mesh, camera_axes, fitting_camera, render
 
@@ -95,5 +93,4 @@ def save_grasp_picture(path: str | PathLike[str], moments: Sequence[GraspMoment]
         place_image(figure, render(meshes, camera, (MOMENT_SIZE, MOMENT_SIZE)), left,
                     CAPTION_HEIGHT)
         write_text(figure, left + .5 * MOMENT_SIZE, .5 * CAPTION_HEIGHT, moment.title, 14., INK)
-    write_whole(Path(path), lambda unfinished: figure.savefig(
-        unfinished, metadata={'Software': None}))
+    write_figure(path, figure)

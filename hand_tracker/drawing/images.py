@@ -1,4 +1,4 @@
-"""Matplotlib figures measured in pixels, and animated GIFs with one palette."""
+"""Matplotlib figures measured in pixels, written whole, and animated GIFs with one palette."""
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
@@ -26,6 +26,13 @@ def blank_figure(width: float, height: float, **options: Any) -> Figure:
     """Return an empty figure of a size in pixels; `options` go to `matplotlib.figure.Figure`."""
     return Figure(figsize=(width / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
                   dpi=PIXELS_PER_INCH, **options)
+
+
+def write_figure(path: str | PathLike[str], figure: Figure) -> None:
+    """Write a figure as a picture, whole or not at all."""
+    # Without the version of matplotlib: equal numbers give equal files.
+    write_whole(Path(path), lambda unfinished: figure.savefig(
+        unfinished, metadata={'Software': None}))
 
 
 def place_image(figure: Figure, image: np.ndarray, left: float, top: float) -> None:

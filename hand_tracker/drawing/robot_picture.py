@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..output_files import write_whole
-from .images import AnimatedFigure, save_gif
+from .images import AnimatedFigure, save_gif, write_figure
 from .legends import add_legend_below
 from .palette import DIGIT_COLOURS, GREY, GRID, INK, MUTED
 
@@ -147,8 +145,7 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
                                         alpha=SPHERE_ALPHA, linewidth=0.))
                 ax.set_xlabel(f'{SHOWN_AXES[view.across]} [mm]', fontsize=7, color=MUTED)
     _draw_legend(figure, poses[0], bool(poses[0].spheres))
-    write_whole(Path(path), lambda unfinished: figure.savefig(
-        unfinished, metadata={'Software': None}))
+    write_figure(path, figure)
 
 
 def _draw_legend(figure: Figure, pose: RobotPose, has_spheres: bool) -> None:

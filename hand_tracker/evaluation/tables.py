@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..drawing.images import write_figure
 from ..drawing.palette import (
     BLUE,
     BLUISH_GREEN,
@@ -20,7 +21,6 @@ from ..drawing.palette import (
     SKY_BLUE,
     VERMILLION,
 )
-from ..output_files import write_whole
 from .rows import Row
 
 # Of plotted series, the tracker's first.
@@ -180,5 +180,4 @@ def save_figure(figure: Figure, path: Path, legend_of: Axes | None = None) -> No
         rows = -(-len(labels) // WIDEST_LEGEND)
         figure.legend(handles, labels, loc='upper center', ncol=-(-len(labels) // rows),
                       frameon=False, fontsize=8, labelcolor=INK)
-    # Without the version of matplotlib: equal numbers give equal files.
-    write_whole(path, lambda unfinished: figure.savefig(unfinished, metadata={'Software': None}))
+    write_figure(path, figure)

@@ -36,7 +36,7 @@ from .compilation import COMPILE_TIME, STARTER_VARIABLE
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 LOCK_POLL = .1  # [s]
 COUNT_PERIOD = .5  # [s] between looks for new kernels
-COMPILED_SO_FAR = 'interrupted; the kernels compiled so far are kept'
+COMPILED_SO_FAR = 'interrupted; kernels that were complete are kept'
 KERNEL_PLACES = 'core', 'messages'  # of the sets here
 
 

@@ -1,12 +1,10 @@
 """Kernels on disk, where the folder is full or cannot be written to, and where files are cut."""
 
 import os
-import subprocess
-import sys
 
 import pytest
+from helpers.kernel_programs import run_with_kernels
 
-from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import COMPILED
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
@@ -55,13 +53,9 @@ def run(tmp_path):
     (tmp_path / 'small_kernels.py').write_text(KERNELS)
 
     def run_program(cache, *arguments, program=CALLS):
-        done = subprocess.run([sys.executable, '-c', program, *arguments], env={
-            **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(cache),
-            # Python, too, would cut what it writes at the limit.
-            'PYTHONDONTWRITEBYTECODE': '1', 'PYTHONPATH': os.pathsep.join(
-                [str(REPOSITORY), str(tmp_path), os.environ.get('PYTHONPATH', '')])},
-            capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+        # Python, too, would cut what it writes at the limit.
+        done = run_with_kernels(program, *arguments, modules=tmp_path,
+                                NUMBA_CACHE_DIR=str(cache), PYTHONDONTWRITEBYTECODE='1')
         assert not list((tmp_path / '__pycache__').glob('*.nb*'))  # as numba does without a folder
         return done.stdout.strip(), done.stderr.splitlines()
 

@@ -1,10 +1,7 @@
 """Kernels that others call: parts of these, until Python calls them."""
 
-import os
-import subprocess
-import sys
-
 import pytest
+from helpers.kernel_programs import run_with_kernels
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import COMPILED
@@ -34,12 +31,8 @@ def run(tmp_path):
     (tmp_path / 'few_kernels.py').write_text(KERNELS)
 
     def run_program(program):
-        done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, env={
-            **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path / 'cache'),
-            'PYTHONPATH': os.pathsep.join(
-                [str(REPOSITORY), str(tmp_path), os.environ.get('PYTHONPATH', '')])})
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
+        return run_with_kernels(program, modules=tmp_path,
+                                NUMBA_CACHE_DIR=str(tmp_path / 'cache')).stdout.split()
 
     return run_program
 
@@ -95,11 +88,7 @@ before = KernelCompiler.finished
 assert main(sys.argv[1:]) == 0
 print(KernelCompiler.finished - before)
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program, 'track', str(REPOSITORY / 'recordings/demo_both.mcap'),
-         '-o', str(tmp_path / 'angles.csv'), '--side', 'both', '--labels', 'none'],
-        capture_output=True, text=True, env={
-            **os.environ, 'HAND_TRACKER_JIT': '1', 'PYTHONPATH': os.pathsep.join(
-                [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])})
-    assert done.returncode == 0, done.stderr
+    done = run_with_kernels(
+        program, 'track', REPOSITORY / 'recordings/demo_both.mcap',
+        '-o', tmp_path / 'angles.csv', '--side', 'both', '--labels', 'none')
     assert done.stdout.split()[-1] == '0'
