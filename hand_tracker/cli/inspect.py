@@ -33,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     from ..calibration.known_layouts import likely_layouts
     from ..calibration.recorded_points import recorded_points
     from ..files.recordings import RecordingError, recordings_at
-    from .inspect_recording import next_command, summary, summary_lines
+    from .inspect_recording import summary, summary_lines
+    from .next_command import next_command
 
     inside, _ = recordings_at(options.recording)
     if len(inside) > 1:
