@@ -15,12 +15,11 @@ All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place:
 each of position, velocity and acceleration [m, m/s, m/s²], and products of these.
 """
 
-from functools import partial
-
 import numpy as np
 
 from ..numerics.jit import jit
 from ..numerics.packs import indexed
+from ..numerics.variable_turn import AxisState, Turn, inlined_jit, turn_matrices, turned
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale
 
 STATE_SIZE = 9
@@ -39,13 +38,7 @@ POSITION_LIMIT = 1e3             # [m]
 SPEED_LIMIT = 1e2                # [m/s]
 ACCELERATION_LIMIT = 1e4         # [m/s²]
 
-AxisState = tuple[float, float, float]  # position, velocity and acceleration on an axis
 AxisTerms = tuple[AxisState, AxisState, AxisState]
-# L, or a derivative of it, on every axis: ((a, b, c), (0, d, b), (0, e, d)).
-Turn = tuple[float, float, float, float, float]
-
-# Inlined, as tuples are passed through memory; not fused, so that all callers round alike.
-inlined_jit = partial(jit, forceinline=True)
 
 
 @jit
@@ -80,51 +73,6 @@ def squared_turn_rate(velocity: Vector, acceleration: Vector, step: float,
     rate = dot(normal, normal) / (speed2 * speed2)
     limit = min(MAX_TURN_RATE, MAX_TURN_ANGLE / step) ** 2
     return min(rate, limit), speed2, rate < limit
-
-
-@jit
-def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
-    """Return the matrix L of a turn, and its first and second derivative by the squared rate.
-
-    Parameters
-    ----------
-    rate : float
-        Squared turn rate [rad²/s²].
-    step : float
-        [s]
-    """
-    # Stumpff functions c_k = Σ (−x)^n / (k + 2n)! of the squared angle x, c₀ the cosine: series,
-    # exact to rounding up to 1 rad. Derivatives are (k c_{k+2} − c_{k+1}) / 2.
-    square = step * step
-    x = rate * square
-    c6 = 1. / 720. - x * (1. / 40320. - x * (1. / 3628800. - x * (
-        1. / 479001600. - x * (1. / 87178291200. - x * (
-            1. / 20922789888000. - x / 6402373705728000.)))))
-    c5 = 1. / 120. - x * (1. / 5040. - x * (1. / 362880. - x * (
-        1. / 39916800. - x * (1. / 6227020800. - x * (
-            1. / 1307674368000. - x / 355687428096000.)))))
-    c4 = 1. / 24. - x * c6
-    c3 = 1. / 6. - x * c5
-    c2 = .5 - x * c4
-    c1 = 1. - x * c3
-    c0 = 1. - x * c2
-    slope = .5 * (c3 - c2)
-    return (
-        (1., c1 * step, c2 * square, c0, -rate * c1 * step),
-        (0., slope * step * square, (c4 - .5 * c3) * square ** 2, -.5 * c1 * square,
-         -.5 * (c1 + c0) * step),
-        (0., .25 * (3. * (c5 - c4) + c3) * step * square ** 2,
-         .25 * (8. * c6 - 5. * c5 + c4) * square ** 3, -.5 * slope * square ** 2,
-         -.5 * (slope - .5 * c1) * step * square),
-    )
-
-
-@inlined_jit
-def turned(turn: Turn, axis: AxisState) -> AxisState:
-    """Return the product of L, or a derivative of it, with the state on an axis."""
-    return (turn[0] * axis[0] + turn[1] * axis[1] + turn[2] * axis[2],
-            turn[3] * axis[1] + turn[1] * axis[2],
-            turn[4] * axis[1] + turn[3] * axis[2])
 
 
 @jit

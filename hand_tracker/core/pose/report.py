@@ -367,19 +367,12 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
     found = report.deviation
     for joint in range(len(found)):
         found[joint] = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
-    palm_spread = 0.
-    for i in range(3):
-        # A hidden marker's residual is NaN: its last misfit counts, for a while.
-        if placed and report.residuals[i] > palm.misfit[i]:
-            palm.misfit[i] = report.residuals[i]
-        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]),
-                          palm.misfit[i] * math.exp(-palm.hidden_for[i] / HIDDEN_TIME))
+    palm_spread = _palm_deviation(palm, placed, report.residuals)
     hand_misfit = 0.
     for digit in range(5):
         if not placed or not digits.known[digit]:
             continue
-        abduction = ABDUCTION_JOINTS[digit]
-        first, second, third = FLEXION_JOINTS[digit]
+        joints = range(5 * digit, 5 * digit + 5)
         noise, lost, hidden_for = palm_spread * palm_spread, 0., digits.hidden_for[digit]
         if digits.seen[digit]:
             noise += position_deviation(digits.covariance[digit]) ** 2
@@ -388,7 +381,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         skin = chains.skin[digit]
         usual = skin if skin > 0. else MODEL_DEVIATION
         misfit = report.residuals[3 + digit]
-        for joint in range(5 * digit, 5 * digit + 5):
+        for joint in joints:
             # Of an angle that still goes back to its marker it is known how far.
             if offset[joint] != 0.:
                 misfit = 0.
@@ -397,54 +390,23 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         misfit = digits.misfit[digit] * math.exp(-hidden_for / HIDDEN_TIME)
         # One marker alone, however far off, does not refute the others.
         hand_misfit += .2 * min(misfit, MOST_MISFIT)
-        model = max(usual, misfit)
         refuted = min(misfit / REFUTING_MISFIT, 1.) ** 2
         lost = max(lost, refuted)
-        along = noise + model * model
-        across = noise + (ACROSS_DIGIT * model) ** 2
-        # The marker on the pose, and how it moves with each angle [m/rad].
-        link = mounting.link[3 + digit]
-        place = add(vector(report.link_positions[link]), rotate(
-            frame(report.link_rotations[link]), vector(mounting.position[3 + digit])))
-        bone = subtract(vector(report.link_positions[second]),
-                        vector(report.link_positions[first]))
-        beyond = subtract(place, vector(report.link_positions[second]))
-        reach = add(bone, beyond)
-        by_abduction = cross(column(report.link_rotations[abduction], 2), subtract(
-            place, vector(report.link_positions[abduction])))
-        by_first = cross(column(report.link_rotations[first], 1), reach)
-        by_second = cross(column(report.link_rotations[second], 1), beyond)
-        slope = chains.coupling[digit, 0]
-        if chains.hinges[digit] == 3:
-            last = subtract(place, vector(report.link_positions[third]))
-            by_second = add(by_second, scale(
-                cross(column(report.link_rotations[third], 1), last), slope))
-
-        far = max(length(reach), LEAST_LEVER)
-        change = dot(by_second, reach) / far
-        # Of a straight digit the reach falls by half of this times the square of the angle.
-        curvature = max(dot(bone, beyond), 0.) / far
-        information = change * change / along + .5 * curvature / math.sqrt(along)
-        natural = chains.natural[digit, 2] ** 2
-        second_variance = natural / (information * natural + 1.)
-        lever = max(dot(by_first, by_first), LEAST_LEVER * LEAST_LEVER)
-        # As the second flexion errs, the first aims the marker back.
-        lean = dot(by_second, by_first) / lever
-        first_variance = along / lever + lean * lean * second_variance
-        lever = max(dot(by_abduction, by_abduction), LEAST_LEVER * LEAST_LEVER)
-        turn_variance = across / lever
-        if digit == THUMB:
-            turn_variance += SADDLE_DEVIATION * SADDLE_DEVIATION
+        model = max(usual, misfit)
+        turn_variance, first_variance, second_variance = _shown_variances(
+            chains, mounting, digit, noise, model, report.link_rotations, report.link_positions)
+        abduction = ABDUCTION_JOINTS[digit]
+        first, second, third = FLEXION_JOINTS[digit]
         found[abduction] = deviation_within(turn_variance, found[abduction], lost)
         found[first] = deviation_within(first_variance, found[first], lost)
         found[second] = deviation_within(second_variance, found[second], lost)
-        coupled = slope * found[second]
+        coupled = chains.coupling[digit, 0] * found[second]
         spread = chains.coupling_spread[digit]
         found[third] = deviation_within(coupled * coupled + spread * spread, found[third], 0.)
 
         if not digits.seen[digit]:
             continue
-        for joint in range(5 * digit, 5 * digit + 5):
+        for joint in joints:
             range_of_joint = chains.upper[joint] - chains.lower[joint]
             if several[joint] > 0.:
                 shown = SHARED_ERROR * several[joint] * (model / usual)
@@ -461,3 +423,73 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         if found[joint] < unknown:
             found[joint] = math.sqrt(
                 (1. - refuted) * found[joint] ** 2 + refuted * unknown ** 2)
+
+
+@jit
+def _palm_deviation(palm: Tracks, placed: bool, residuals: np.ndarray) -> float:
+    """Update misfits; return the standard deviation of the worst of the palm's markers [m]."""
+    deviation = 0.
+    for i in range(3):
+        # A hidden marker's residual is NaN: its last misfit counts, for a while.
+        if placed and residuals[i] > palm.misfit[i]:
+            palm.misfit[i] = residuals[i]
+        deviation = max(deviation, position_deviation(palm.covariance[i]),
+                        palm.misfit[i] * math.exp(-palm.hidden_for[i] / HIDDEN_TIME))
+    return deviation
+
+
+@jit
+def _shown_variances(chains: Chains, mounting: Mounting, digit: int, noise: float, model: float,
+                     rotations: np.ndarray, positions: np.ndarray) -> tuple[float, float, float]:
+    """Return the variances of abduction, first and second flexion that a marker leaves [rad²].
+
+    Parameters
+    ----------
+    chains : Chains
+    mounting : Mounting
+    digit : int
+    noise : float
+        Variance of the marker by noise [m²].
+    model : float
+        Standard deviation of the marker by the hand's model, along its digit [m].
+    rotations : ndarray, shape (25, 3, 3)
+        Of the links.
+    positions : ndarray, shape (25, 3)
+        Of the links' joints [m].
+    """
+    along = noise + model * model
+    across = noise + (ACROSS_DIGIT * model) ** 2
+    abduction = ABDUCTION_JOINTS[digit]
+    first, second, third = FLEXION_JOINTS[digit]
+    # The marker on the pose, and how it moves with each angle [m/rad].
+    link = mounting.link[3 + digit]
+    place = add(vector(positions[link]),
+                rotate(frame(rotations[link]), vector(mounting.position[3 + digit])))
+    bone = subtract(vector(positions[second]), vector(positions[first]))
+    beyond = subtract(place, vector(positions[second]))
+    reach = add(bone, beyond)
+    by_abduction = cross(column(rotations[abduction], 2),
+                         subtract(place, vector(positions[abduction])))
+    by_first = cross(column(rotations[first], 1), reach)
+    by_second = cross(column(rotations[second], 1), beyond)
+    if chains.hinges[digit] == 3:
+        last = subtract(place, vector(positions[third]))
+        by_second = add(by_second, scale(cross(column(rotations[third], 1), last),
+                                         chains.coupling[digit, 0]))
+
+    far = max(length(reach), LEAST_LEVER)
+    change = dot(by_second, reach) / far
+    # Of a straight digit the reach falls by half of this times the square of the angle.
+    curvature = max(dot(bone, beyond), 0.) / far
+    information = change * change / along + .5 * curvature / math.sqrt(along)
+    natural = chains.natural[digit, 2] ** 2
+    second_variance = natural / (information * natural + 1.)
+    lever = max(dot(by_first, by_first), LEAST_LEVER * LEAST_LEVER)
+    # As the second flexion errs, the first aims the marker back.
+    lean = dot(by_second, by_first) / lever
+    first_variance = along / lever + lean * lean * second_variance
+    lever = max(dot(by_abduction, by_abduction), LEAST_LEVER * LEAST_LEVER)
+    turn_variance = across / lever
+    if digit == THUMB:
+        turn_variance += SADDLE_DEVIATION * SADDLE_DEVIATION
+    return turn_variance, first_variance, second_variance
