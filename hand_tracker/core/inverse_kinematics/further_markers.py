@@ -17,6 +17,7 @@ from ..model.states import REJECTED, SEEN
 from ..numerics.jit import jit
 from ..numerics.stack_memory import local_floats
 from ..numerics.vectors import (
+    Vector,
     add,
     components,
     frame,
@@ -37,6 +38,7 @@ FURTHER_GATE_NOISE = 4.     # [1] of the marker noise, beyond that
 STRAY_RATIO = 2.            # [1] by which a marker strays farther than the principal one
 LONE_GATE_BEND = 60.        # [m/s²] as the principal marker is hidden: BEND step² / 2 beyond
 MOST_GATE_TIME = .1         # [s] a longer step widens that no further
+LEAST_GATE_TIME = 1e-4      # [s] a shorter step counts as this
 AWAY_SPEED, AWAY_SHARE = .08, .5    # [m/s, 1] of a marker while away, and of its last speed
 VELOCITY_TIME = .01         # [s] that velocities are averaged over
 
@@ -68,54 +70,101 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
         Time after which a refused marker is believed; 0 for never [s].
     """
     axes, origin = frame(wrist.rotation), vector(wrist.position)
-    time, longest = max(step, 1e-4), patience if patience > 0. else math.inf
-    bases, gates, workspace = local_floats(5), local_floats(5), local_digit_workspace()
+    longest = patience if patience > 0. else math.inf
+    bases, gates = local_floats(5), local_floats(5)
     bases[:] = gates[:] = math.inf
-    for digit in range(5 if gated else 0):
-        bases[digit] = FURTHER_GATE_BASE + FURTHER_GATE_NOISE * noise[3 + digit]
-        # As the palm gains or loses a marker it may leap, and all digits with it.
-        if not changed[digit]:
-            gates[digit] = bases[digit] + .5 * LONE_GATE_BEND * min(time, MOST_GATE_TIME) ** 2
+    if gated:
+        _open_gates(changed, noise, step, bases, gates)
     for row in range(rows.used[0]):
         digit = rows.digit[row]
         if digit >= 0:
-            away_for, was_refused = state.away_for[row], state.verdict[row] == REJECTED
+            was_refused = state.verdict[row] == REJECTED
             if was_refused:
                 state.verdict[row] = SEEN
             if state.is_measured[row]:
                 local = lay_flat(rows, state, row, components(
                     axes, subtract(vector(state.points[row]), origin)))
-                velocity = vector(state.velocity[row])
-                ahead = scale(velocity, time)
-                moved = subtract(local, vector(
-                    state.refused_at[row] if was_refused else state.local[row]))
-                off = off_way(moved, ahead)
-                stays_refused = was_refused and off <= gates[digit] and away_for < longest
-                stray = 0.
-                if not state.was_measured[row] and away_for < math.inf:
-                    back = subtract(local, place_on_digit(chains, rows, state, row, workspace))
-                    usual = math.sqrt(state.misfit[digit] * rows.variance[row])
-                    # A refused marker that is in place again need not have leapt there.
-                    stays_refused = stays_refused and length(back) > bases[digit] + usual
-                    if not stays_refused:
-                        moved, off = back, off_way(back, ahead)
-                        stray = usual + away_for * (AWAY_SPEED + AWAY_SHARE * max(
-                            length(velocity), length(vector(state.velocity[3 + digit]))))
-                if row < PRINCIPALS:
-                    if away_for < math.inf:
-                        gates[digit] = bases[digit] + STRAY_RATIO * off
-                elif stays_refused or off > gates[digit] + stray and away_for < longest:
-                    state.verdict[row] = REJECTED
-                    state.is_measured[row] = False
-                    state.hidden_for[row] = away_for + step
-                    store(state.refused_at, row, local)
-                # A leap tells no velocity.
-                if away_for < math.inf and (state.is_measured[row] or stays_refused):
-                    store(state.velocity, row, add(velocity, scale(
-                        subtract(moved, ahead), min(time / VELOCITY_TIME, 1.) / time)))
-                if state.is_measured[row]:
-                    store(state.local, row, local)
-            state.away_for[row] = 0. if state.is_measured[row] else away_for + step
+                _judge_marker(
+                    chains, rows, state, row, local, was_refused, step, longest, bases, gates)
+            state.away_for[row] = 0. if state.is_measured[row] else state.away_for[row] + step
             if rows.has_several[digit] and state.is_measured[row] != state.was_measured[row]:
                 changed[digit] = True
         state.is_fitted[row] = state.is_measured[row]
+
+
+@jit
+def _open_gates(changed: np.ndarray, noise: np.ndarray, step: float, bases: np.ndarray,
+                gates: np.ndarray) -> None:
+    """Write how far further markers of each digit may be off their way, beside no other marker.
+
+    Parameters
+    ----------
+    changed, noise, step
+        As for `lay_digits_flat`.
+    bases : ndarray, shape (5,)
+        Replaced: of a marker that comes back [m].
+    gates : ndarray, shape (5,)
+        Replaced: of one that was there, as the principal marker is hidden [m]. As the palm gains
+        or loses a marker it may leap, and all digits with it: it stays as it is.
+    """
+    bend = .5 * LONE_GATE_BEND * min(max(step, LEAST_GATE_TIME), MOST_GATE_TIME) ** 2
+    for digit in range(5):
+        bases[digit] = FURTHER_GATE_BASE + FURTHER_GATE_NOISE * noise[3 + digit]
+        if not changed[digit]:
+            gates[digit] = bases[digit] + bend
+
+
+@jit
+def _judge_marker(chains: Chains, rows: MarkerRows, state: RowState, row: int, local: Vector,
+                  was_refused: bool, step: float, longest: float, bases: np.ndarray,
+                  gates: np.ndarray) -> None:
+    """Take a measured marker, or refuse it where it is off its way.
+
+    Parameters
+    ----------
+    chains, rows, state, step, bases
+        As for `lay_digits_flat`.
+    row : int
+        Principal markers come first: one sets its digit's gate.
+    local : Vector
+        Where it is in the wrist's frame, the palm laid flat [m].
+    was_refused : bool
+        In the last frame.
+    longest : float
+        Time for which it may be refused [s].
+    gates : ndarray, shape (5,)
+        Distance from its way up to which a digit's marker is taken [m].
+    """
+    digit, away_for, time = rows.digit[row], state.away_for[row], max(step, LEAST_GATE_TIME)
+    velocity = vector(state.velocity[row])
+    ahead = scale(velocity, time)
+    moved = subtract(local, vector(state.refused_at[row] if was_refused else state.local[row]))
+    off = off_way(moved, ahead)
+    stays_refused = was_refused and off <= gates[digit] and away_for < longest
+    stray = 0.
+    if not state.was_measured[row] and away_for < math.inf:
+        back = subtract(local, place_on_digit(
+            chains, rows, state, row, local_digit_workspace()))
+        usual = math.sqrt(state.misfit[digit] * rows.variance[row])
+        # A refused marker that is in place again need not have leapt there.
+        stays_refused = stays_refused and length(back) > bases[digit] + usual
+        if not stays_refused:
+            moved, off = back, off_way(back, ahead)
+            stray = usual + away_for * (AWAY_SPEED + AWAY_SHARE * max(
+                length(velocity), length(vector(state.velocity[3 + digit]))))
+    is_taken = True
+    if row < PRINCIPALS:
+        if away_for < math.inf:
+            gates[digit] = bases[digit] + STRAY_RATIO * off
+    elif stays_refused or off > gates[digit] + stray and away_for < longest:
+        is_taken = False
+        state.verdict[row] = REJECTED
+        state.is_measured[row] = False
+        state.hidden_for[row] = away_for + step
+        store(state.refused_at, row, local)
+    # A leap tells no velocity.
+    if away_for < math.inf and (is_taken or stays_refused):
+        store(state.velocity, row, add(velocity, scale(
+            subtract(moved, ahead), min(time / VELOCITY_TIME, 1.) / time)))
+    if is_taken:
+        store(state.local, row, local)
