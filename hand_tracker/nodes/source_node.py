@@ -15,6 +15,7 @@ from threading import Event, Thread
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -56,9 +57,12 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.hand_file import choose_hand
 from ..files.layout_file import choose_layout
+from ..messages.builders import diagnostics
 from ..messages.landmark_kinds import LANDMARK_ORDERS
 from ..messages.marker_ids import SOURCE_FRAME, layout_ids
+from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.rate_limit import OncePerKey
+from ..tracking.source_status import SourceStatus
 from .executors import steady_clock
 from .message_types import imported_message
 from .parameters import Parameter
@@ -67,7 +71,7 @@ from .runner import declare, log_line, run
 if TYPE_CHECKING:
     from .marker_input import MarkerInput
 
-SOURCE_DEPTH = 10    # messages of ~/markers
+SOURCE_DEPTH = 10    # messages of ~/markers, and of /diagnostics
 INPUT_DEPTH = 5      # messages of a topic that wait
 REST_TIME = 1.       # [s] after a fault of a client
 SILENT_TIME = 5.     # [s] without a frame, after which a line says so
@@ -117,12 +121,13 @@ class SourceNode(Node):
         super().__init__('source')
         values = self._values = declare(self, SOURCE_PARAMETERS)
         landmark_order(values['landmarks'])
-        self._once = OncePerKey()
+        self._once, self._status = OncePerKey(), SourceStatus()
         layout = _worn_layout(values)
         self._ids_of_both = ids_of_both_hands(layout)
         self._writer = MarkerArrayWriter(
             self._warn_once, self._ids_of_both if values['side'] == BOTH else layout_ids(layout))
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
         self._take: Callable[[bytes], None] | None = None
         self._client: NatNetClient | QualisysClient | None = None
@@ -138,11 +143,12 @@ class SourceNode(Node):
             self._origin = self._source.topic_name
             self._silence = self.create_timer(
                 SILENT_TIME, self._report_silence, clock=steady_clock())
+        self.create_timer(STATUS_PERIOD, self._publish_status, clock=steady_clock())
         self.get_logger().info(f'{self._origin}: publishing on {self._publisher.topic_name}')
 
     def _new_client(self) -> NatNetClient | QualisysClient:
         values = self._values
-        common = values['server'], self._publish, partial(log_line, self)
+        common = values['server'], self._publish, self._on_news
         if values['source'] == 'natnet':
             return NatNetClient(*common, values['local_address'], values['port'] or COMMAND_PORT)
         return QualisysClient(*common, tuple(values['components'].split()), values['latency'],
@@ -203,7 +209,9 @@ class SourceNode(Node):
         if relay is None:
             return None
         packets = relay.receive(sockets, timeout, is_stream)
-        if any(packet.is_relayed for packet in packets):
+        relayed = sum(packet.is_relayed for packet in packets)
+        if relayed:
+            self._status.add_alike(relayed)
             if self._publisher.get_subscription_count():
                 self._publisher.publish(relay.message())
         return packets
@@ -247,6 +255,7 @@ class SourceNode(Node):
         # Others may listen too.
         if self._take is None or self._publisher.get_subscription_count():
             self._publisher.publish(message)
+        self._status.add(len(frame.names), len(frame.points))
         # Names may come later than the first points.
         if not self._has_frame or frame.names and not self._has_names:
             self._report_names(frame)
@@ -272,9 +281,20 @@ class SourceNode(Node):
                         + (f'it is published as {", ".join(kinds)}' if kinds else
                            'nobody publishes it'))
 
+    def _publish_status(self) -> None:
+        self._diagnostics.publish(diagnostics(
+            self.get_clock().now().to_msg(), f"{self.get_name()}: {self._values['source']}",
+            self._origin, self._status.status()))
+
     def _warn_once(self, key: str, text: str) -> None:
+        self._status.warn(text)
         if self._once.allows(key):
             log_line(self, True, text)
+
+    def _on_news(self, is_warning: bool, text: str) -> None:
+        log_line(self, is_warning, text)
+        if is_warning:
+            self._status.warn(text)
 
     def end(self) -> None:
         """End the client, which hands over nothing from then on."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseArray
 from helpers.clouds import cloud
 from helpers.natnet_server import NatNetServer
@@ -245,6 +246,22 @@ def test_the_messages_are_those_that_rclpy_writes():
 def test_parameters_that_contradict_each_other_are_refused(parameters, said):
     with pytest.raises(SourceUnavailable, match=said), source(**parameters):
         pass
+
+
+def test_its_status_is_on_diagnostics():
+    made = Markers(markers=[named(marker, at) for marker, at in zip(MARKERS, PLACES)])
+    with source(source='mocap4r2', subject='RHand') as (node, watch):
+        found = watch.collect(DiagnosticArray, '/diagnostics')
+        publisher = watch.create_publisher(Markers, '/markers', 10)
+        watch.spin_until(lambda: found)
+        assert found[-1].status[0].message == 'no frame yet'
+        assert found[-1].status[0].name == 'source: mocap4r2'
+        assert found[-1].status[0].hardware_id == '/markers'
+        fault = "/markers: subject: 'RHand'; expected none, as its markers have no subject"
+        watch.repeat(lambda: publisher.publish(made),
+                     lambda: found[-1].status[0].message == f'frames come; {fault}', .05)
+        values = {value.key: value.value for value in found[-1].status[0].values}
+        assert float(values['frames per second']) > 0. and values['named markers'] == '0'
 
 
 def test_lacking_messages_are_named():
