@@ -3,6 +3,7 @@
 Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilation`.
 """
 
+import gc
 import os
 import sys
 import time
@@ -36,6 +37,7 @@ from .compilation import COMPILE_TIME, STARTER_VARIABLE
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 LOCK_POLL = .1  # [s]
 COUNT_PERIOD = .5  # [s] between looks for new kernels
+COLLECTION_THRESHOLD = 10_000   # new objects; a higher one saves little, and costs memory
 COMPILED_SO_FAR = 'interrupted; kernels that were complete are kept'
 KERNEL_PLACES = 'core', 'messages'  # of the sets here
 
@@ -205,8 +207,20 @@ def complete_set(kernel_set: str, compile_set: Callable[[], object],
     """
     with compile_lock(kernel_set, starter):
         if not jit.is_ready(kernel_set):
-            compile_set()
+            with _rare_collections():
+                compile_set()
             jit.mark_ready(kernel_set)
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Look for garbage seldom: a seventh of numba's time goes there, as its objects live on."""
+    thresholds = gc.get_threshold()
+    gc.set_threshold(COLLECTION_THRESHOLD, *thresholds[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
 
 
 SETS: dict[str, Callable[[], object]] = {
