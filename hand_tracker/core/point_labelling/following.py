@@ -1,8 +1,8 @@
 """Data association of a followed hand in a cloud of points: predict, assign, correct.
 
 The palm is predicted at constant velocity, the digits' markers likewise in its frame. Points are
-assigned to predicted markers at least cost; hidden markers move with their conditional mean given
-the seen ones.
+assigned to predicted markers at least cost, once more where the palm fitted to them shows more;
+hidden markers move with their conditional mean given the seen ones.
 """
 
 import math
@@ -53,6 +53,8 @@ from .rivals import note_cut, review_labels
 LEAST_POINT_DEVIATION = .0015     # [m] prediction error of a seen marker, at least; ours
 GREATEST_DEVIATION = .012   # [m] the same, at most; ours
 DEVIATION_GAIN = .05        # [1] filter gain of a prediction error that falls
+LOCAL_RISE = .3             # [1] the same of one that rises, in the palm's frame; ours
+SURE_PALM = 5               # seen palm markers that show the palm's pose beyond doubt; ours
 CONTRADICTION = 60.         # gate: squared Mahalanobis distance given the other markers; ours
 MEETING_COST = 12.          # cost of an exchange below which two labels are ambiguous; ours
 # Evidence for the exchange of two labels: the most that a frame adds, and the threshold; addition
@@ -436,10 +438,11 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
         Time since then [s].
     """
     known = track.hidden_for[i] <= 0.
-    off = 0.
+    off, own = 0., 0.
     for k in range(3):
         if known:
             off += (seen.cloud.points[row, k] - track.place[i, k]) ** 2
+            own += (track.finding.size[0] * (seen.local[row, k] - track.local[i, k])) ** 2
             if step > 0. and not replaced:
                 track.drift[i, k] += DRIFT_GAIN * (seen.local[row, k] - track.local[i, k]) / step
         else:
@@ -448,10 +451,16 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
         if track.returns.age[i] == math.inf:
             track.expected[i, k] = np.nan
     if known and track.age[0] > 0.:
-        error = min(max(math.sqrt(off), LEAST_POINT_DEVIATION), GREATEST_DEVIATION)
-        rate = 1. if error > track.error[i] else DEVIATION_GAIN
-        track.error[i] += rate * (error - track.error[i])
+        track.error[0, i] = _filtered_error(track.error[0, i], off, 1.)
+        track.error[1, i] = _filtered_error(track.error[1, i], own / 3., LOCAL_RISE)
     track.hidden_for[i] = 0.
+
+
+@labelling_jit
+def _filtered_error(error: float, square: float, rise: float) -> float:
+    """Filter a prediction error [m] by the square of the present one, with a gain if it rises."""
+    present = min(max(math.sqrt(square), LEAST_POINT_DEVIATION), GREATEST_DEVIATION)
+    return error + (rise if present > error else DEVIATION_GAIN) * (present - error)
 
 
 @labelling_jit
@@ -499,16 +508,36 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 @labelling_jit
 def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
                  was_seen: np.ndarray) -> bool:
-    """Fit the palm to its new points where digit markers vanish; return whether that was done.
+    """Fit the palm to its new points, to match once more; return whether that was done.
 
-    The first M of `rows` and `was_seen` are the hand's markers.
+    Where `SURE_PALM` markers show the palm's motion, the others are then expected within their
+    errors in its frame. Fewer follow any wrong point: only where digit markers vanish, and within
+    the same errors. The first M of `rows` and `was_seen` are the hand's markers.
     """
     mine = rows[:len(track.place)]
-    if _vanish(was_seen, mine) and not palm_changes(prototype, track, mine):
-        place_palm_by(prototype, track, points, mine)
-        place_again(track)
-        return True
-    return False
+    sure = count_seen_palm(prototype, mine) >= SURE_PALM
+    if palm_changes(prototype, track, mine) or not (sure or _vanish(was_seen, mine)):
+        return False
+    for i in range(len(mine) if sure else 0):
+        track.deviation[i] = math.sqrt(
+            track.deviation[i] ** 2 - track.error[0, i] ** 2 + track.error[1, i] ** 2)
+        if was_seen[i] and mine[i] >= 0:    # while the palm's error is in its place
+            off = 0.
+            for k in range(3):
+                off += (points[mine[i], k] - track.place[i, k]) ** 2
+            track.error[0, i] = _filtered_error(track.error[0, i], off, 1.)
+    place_palm_by(prototype, track, points, mine)
+    place_again(track)
+    return True
+
+
+@labelling_jit
+def _is_sure(prototype: Prototype) -> bool:
+    """Return whether the palm has `SURE_PALM` markers or more."""
+    count = 0
+    for weight in prototype.rigid:
+        count += 1 if weight > 0. else 0
+    return count >= SURE_PALM
 
 
 @labelling_jit
@@ -613,18 +642,19 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     was_seen, distance = np.zeros(total, dtype=np.bool_), np.empty(hands)
     palms = np.empty((hands, 4, 3))
     rows, cost = np.full(total, -1), np.full((total, len(points)), math.inf)
-    local = np.empty((len(points), 3))
+    local, sure = np.empty((len(points), 3)), False
     for turn in range(2):
         # One loop for each step: each access to a track in the tuple costs.
         for hand in range(hands):
             prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
             if turn == 0:
                 distance[hand] = _predict(prototype, track, first, step, was_seen, palms[hand])
+                sure = sure or _is_sure(prototype)
             match_costs(prototype, track, PalmPoints(cloud, local, history, first), cost)
         assign_rows(cost, 0., rows)
-        if turn > 0 or not _vanish(was_seen, rows):
+        if turn > 0 or not (sure or _vanish(was_seen, rows)):
             break
-        # A fast turn moves digits far: match them once more, from the palm fitted anew.
+        # A fast motion moves markers far: match them once more, from the palm fitted anew.
         again = False
         for hand in range(hands):
             placed = _match_again(prototypes[hand], tracks[hand], points, rows[firsts[hand]:],

@@ -78,8 +78,9 @@ class HandTrack(NamedTuple):
         Conditional mean of each hidden marker given the seen ones, in the last frame [m].
     spread : ndarray, shape (M,)
         Conditional variance of each hidden marker, on each axis [m²].
-    error : ndarray, shape (M,)
-        Filtered prediction error of each marker while it is seen [m].
+    error : ndarray, shape (2, M)
+        Filtered prediction error of each marker while it is seen, and the same on each axis of the
+        palm's frame, once the palm is placed by its points [m].
     deviation : ndarray, shape (M,)
         Standard deviation of the prediction [m].
     hidden_for : ndarray, shape (M,)
@@ -162,7 +163,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
     track = HandTrack(
         Finding(*(part.copy() for part in finding)), np.zeros((count, 3)),
         prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
-        np.zeros(count), np.full(count, FIRST_DEVIATION),
+        np.zeros(count), np.full((2, count), FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
         np.zeros((count, count)), np.zeros(count), np.full(count, -1), np.zeros(count),
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
@@ -244,7 +245,7 @@ def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
         growth = HIDDEN_PALM_DEVIATION if prototype.rigid[i] > 0. else HIDDEN_DEVIATION
         grown = growth * growth * min(track.hidden_for[i], LONGEST_HIDDEN)
         leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
-        track.deviation[i] = math.sqrt(track.error[i] ** 2 + leap * leap + grown)
+        track.deviation[i] = math.sqrt(track.error[0, i] ** 2 + leap * leap + grown)
         for k in range(3):
             track.local[i, k] += track.drift[i, k] * step
     place_again(track)

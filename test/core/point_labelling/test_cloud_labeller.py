@@ -59,6 +59,14 @@ def shaken(marker, bend, rate):
         rotation, position)
 
 
+def thrown_about(layout, frames):
+    """Return the markers of a still hand that goes 14 mm anywhere in each frame, (T, M, 3)."""
+    hand = Hand.scaled()
+    pose = marker_positions(layout.mounting(hand), forward(
+        joint_table(hand), natural_poses(hand, 400)[110:111]))
+    return pose + np.cumsum(np.random.default_rng(0).normal(0., .008, (frames, 1, 3)), axis=0)
+
+
 def shuffled(markers, random, ghosts=0):
     """Return the visible of markers (M, 3) and ghosts in random order; the row of each marker."""
     visible = np.flatnonzero(np.isfinite(markers[:, 0]))
@@ -172,6 +180,23 @@ def test_a_stray_point_that_fits_the_posture_is_not_taken_for_a_hidden_marker_of
     for number, frame in enumerate(frames):
         points, rows = shuffled(frame, random)
         assert np.array_equal(labeller.update(points, number / RATE).rows[0], rows[:8]), number
+
+
+@pytest.mark.parametrize('marker', ('ThumbTip', 'IndexTip', 'RingPIP'))
+def test_a_point_that_comes_as_a_marker_of_a_fast_hand_vanishes_does_not_get_its_label(marker):
+    layout = preset_layout('sig18_19')
+    labeller = CloudLabeller([
+        model_prototype(Hand.scaled(), layout, tuple(layout.names), SIZED)])
+    random = np.random.default_rng(1)
+    *frames, last = thrown_about(layout, 60)
+    for frame in frames:
+        points, rows = shuffled(frame, random)
+        np.testing.assert_array_equal(labeller.update(points).rows[0], rows)
+    points, rows = shuffled(last, random)
+    number = layout.names.index(marker)
+    points[rows[number]] += (0., 0., .03)
+    rows[number] = -1
+    np.testing.assert_array_equal(labeller.update(points).rows[0], rows)
 
 
 def swaying(pose, frames):
