@@ -24,7 +24,7 @@ from .inverse_kinematics.digit_angles import (
 )
 from .inverse_kinematics.further_markers import lay_digits_flat
 from .inverse_kinematics.palm import place_palm_by_spheres
-from .inverse_kinematics.palm_arch import fit_principal_palm, lay_targets_flat
+from .inverse_kinematics.palm_arch import fit_principal_palm, lay_targets_flat, write_line
 from .labelling.association import associate
 from .labelling.digit_exchange import undo_exchanges
 from .labelling.validity import (
@@ -47,7 +47,7 @@ from .numerics.vectors import clamp, length, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import expected_markers, track_palm
 from .occlusion.prediction import Observation
-from .occlusion.transdigital import limit_neighbour_difference
+from .occlusion.transdigital import limit_neighbour_difference, write_own_motion
 from .options import KernelOptions
 from .pose.contact import CONTACT_GAP, FRAME_ROUNDS, MAX_ROUNDS, Mobility, drag_hidden, separate
 from .pose.continuity import blend
@@ -103,7 +103,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
     fault = label_markers(model, chains, options, state, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     # 2, 3 Filtering and occlusion, palm: filter its markers, predict hidden ones.
-    palm = predict_palm(options, state, markers, seen, step)
+    palm = predict_palm(model, options, state, markers, seen, step)
     if palm == LOST:
         # The digits' markers have located the palm; nothing is left to locate them by.
         seen[3:] = False
@@ -221,13 +221,13 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
 
 
 @jit
-def predict_palm(options: Pack[KernelOptions], state: Pack[State], markers: np.ndarray,
-                 seen: np.ndarray, step: float) -> int:
+def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
+                 markers: np.ndarray, seen: np.ndarray, step: float) -> int:
     """Filter the palm's markers and predict hidden ones; return the `PalmState`.
 
     Parameters
     ----------
-    options, state : packs
+    model, options, state : packs
         As for `track_frame`; the state is changed.
     markers : ndarray, shape (8, 3)
         [m]
@@ -236,7 +236,14 @@ def predict_palm(options: Pack[KernelOptions], state: Pack[State], markers: np.n
     step : float
         Since the last frame [s].
     """
-    options, state = options[0], state[0]
+    model, options, state = model[0], options[0], state[0]
+    if not (seen[0] and seen[1] and seen[2]):
+        if state.palm.seen.all():
+            write_own_motion(state.transdigital.statistics, model.prior.correlation,
+                             state.digits.own_motion)
+        state.palm.line[:] = 0.
+        if model.rows.has_several[5] and np.isfinite(markers[:3]).all():
+            write_line(model.rows, state.rows, state.palm.line)
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
                       state.digits, state.wrist, state.palm_shape, options.prediction)
 

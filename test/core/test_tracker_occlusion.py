@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import FINGERS, FLEXION_JOINTS, JOINTS, Hand
-from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import (
+    MARKERS,
+    PALM_LANDMARKS,
+    PAPER_PLACES,
+    MarkerLayout,
+)
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.pose.deviation import unknown_deviation
@@ -137,6 +143,37 @@ def test_a_palm_whose_skin_slides_stays_where_it_is_when_markers_vanish(hand, pa
                                np.broadcast_to(markers[:3], (1200, 3, 3)), atol=2e-4)
     np.testing.assert_allclose([state.wrist_position for state in states],
                                np.broadcast_to(before.wrist_position, (1200, 3)), atol=2e-4)
+
+
+def turn_errors(hand, layout, hidden, frames=480, start=360):
+    """Return how far the palm of a waved, grasping hand is turned off, markers hidden at last."""
+    tracker, errors = HandTracker(hand, layout), []
+    for frame in range(frames):
+        rotation = Rotation.from_rotvec(.3 * np.sin(.02 * frame * np.array((1., .7, .4))))
+        markers = markers_of(hand, grasp(frame, hand), layout, rotation.as_matrix(),
+                             np.array((.1, .2, .05)) * np.sin(.015 * frame))
+        if frame >= start:
+            markers[list(hidden)] = np.nan
+        state = tracker.update(markers, frame * STEP)
+        errors.append((Rotation.from_matrix(state.wrist_rotation).inv() * rotation).magnitude())
+    return np.degrees(errors[start:])
+
+
+@pytest.mark.parametrize('row', [0, 1, 2])
+@pytest.mark.parametrize('hand', [HAND, HAND.mirrored()])
+def test_digits_that_bend_as_before_do_not_turn_a_palm_of_two_seen_markers(hand, row):
+    assert turn_errors(hand, MarkerLayout(), (row,)).max() < 11.
+
+
+@pytest.mark.parametrize('name, seen', [
+    ('optitrack_hand', ('WristOut', 'WristIn')), ('optitrack_hand', ('WristIn', 'HandIn')),
+    ('optitrack_hand', ('HandOut', 'HandIn')), ('kyutech23', ('2', '21')),
+    ('kyutech23', ('21', '23')), ('sig18_19', ('BackHand1', 'BackHand2'))])
+def test_a_larger_palm_turns_about_the_line_of_the_two_that_are_seen(name, seen):
+    layout = preset_layout(name)
+    hidden = [row for row, place in enumerate(layout.places)
+              if place in PALM_LANDMARKS and layout.names[row] not in seen]
+    assert turn_errors(HAND, layout, hidden).max() < 9.
 
 
 @pytest.mark.parametrize('one, other', [(3, 4), (4, 6), (3, 7), (1, 2), (0, 5)])

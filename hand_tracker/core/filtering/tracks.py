@@ -61,6 +61,10 @@ class Tracks(NamedTuple):
     strayed : ndarray, shape (n, 3)
         Of a digit's marker measured while the palm is lost: its own motion since, by which it is
         off `mean` [m].
+    own_motion : ndarray, shape (3 n, 3 n)
+        Of the digits' markers: covariance of their motion in the palm, its mean variance 1 [1].
+    line : ndarray, shape (2, 3)
+        Of the palm's: ends of the line that further markers hold it by, equal ones for none [m].
     misfit : ndarray, shape (n,)
         Recent peak of the distance from the reported hand: decays while seen, kept while hidden
         [m].
@@ -74,6 +78,8 @@ class Tracks(NamedTuple):
     known: np.ndarray
     hidden_for: np.ndarray
     strayed: np.ndarray
+    own_motion: np.ndarray
+    line: np.ndarray
     misfit: np.ndarray
 
 
@@ -85,7 +91,7 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
     return Tracks(
         mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
         np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n),
-        np.zeros((n, 3)), np.zeros(n))
+        np.zeros((n, 3)), np.eye(3 * n), np.zeros((2, 3)), np.zeros(n))
 
 
 @jit

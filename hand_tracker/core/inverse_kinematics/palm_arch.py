@@ -257,6 +257,29 @@ def _are_on_a_line(rows: MarkerRows, state: RowState) -> bool:
 
 
 @jit
+def write_line(rows: MarkerRows, state: RowState, line: np.ndarray) -> None:
+    """Write the two measured palm markers; zeros where others than two are measured.
+
+    Three on a line would tell of the turn about it, little but their noise.
+
+    Parameters
+    ----------
+    rows : MarkerRows
+    state : RowState
+    line : ndarray, shape (2, 3)
+        Replaced [m].
+    """
+    shown = 0
+    for row in range(rows.used[0]):
+        if _is_shown(rows, state, row):
+            if shown < 2:
+                store(line, shown, vector(state.points[row]))
+            shown += 1
+    if shown != 2:
+        line[:] = 0.
+
+
+@jit
 def _line_ends(rows: MarkerRows, state: RowState) -> tuple[int, int]:
     """Return the two measured palm markers that are farthest apart on the hand; one twice."""
     farthest, a, b = -1., 0, 0

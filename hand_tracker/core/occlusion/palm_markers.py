@@ -1,8 +1,10 @@
 """Palm markers under occlusion: seen ones filtered, hidden ones predicted.
 
 A hidden palm marker is completed rigidly from the seen ones, moves on by its own fading motion
-(inertia), and is corrected by a rigid fit that includes the fingers' markers, which stay near
-their places in the wrist's frame while the palm turns. A finger that moves apart from the others
+(inertia), and is corrected by the digits' markers. While palm markers are seen it turns about
+these: by how far the digits' markers move as a turn moves them, rather than as the digits usually
+move together in the palm, which is learned. While none is, a rigid fit includes the digits'
+markers, which stay near their places in the wrist's frame; one that moves apart from the others
 weighs less. A palm marker's place in the palm is that where it was last seen with the others: skin
 slides, which moves markers off the template by millimetres.
 """
@@ -14,6 +16,7 @@ import numpy as np
 from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Corners, Wrist, complete_palm, palm_places, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
+from ..numerics.cholesky import factorise, solve_factorised
 from ..numerics.jit import jit
 from ..numerics.rigid_fit import step_rigidly
 from ..numerics.stack_memory import local_floats
@@ -22,21 +25,29 @@ from ..numerics.vectors import (
     add,
     components,
     distance,
+    dot,
     frame,
+    is_equal,
+    length,
     rotate,
+    rotate_about,
     scale,
+    solve_symmetric,
     store,
     subtract,
+    unit,
     vector,
 )
 from .prediction import Observation, PredictionOptions
+from .transdigital import COORDINATES
 
-# Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
-SEEN_PALM_WEIGHT = 1e4
-PREDICTED_PALM_WEIGHTS = (.15, 1., 4.)  # with 0, 1 and 2 palm markers seen
+# Of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
+PREDICTED_PALM_WEIGHT = .15
 FINGER_SCATTER = .015    # [m] from the fit, at which a finger's weight is half
 LOST_BEND_TIME = .08     # [s] in which that residual becomes the finger's own motion
 PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
+TURN_LEVER = .015        # [m] usual own motion of a digit's marker for a radian of the palm's turn
+OTHER_MOTION = .06       # [1] variance of a digit's marker beside its usual motion, in that of this
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
 
@@ -81,6 +92,9 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
             for k in range(3):
                 shape[i, k] += gain * (place[k] - shape[i, k])
     before = palm_places(shape, wrist)
+    if count < 3 and not is_equal(vector(tracks.line[0]), vector(tracks.line[1])):
+        # Further markers have placed the hidden ones, too, but for the turn about their line.
+        before = (vector(markers[0]), vector(markers[1]), vector(markers[2]))
     for i in range(3):
         if seen[i]:
             update_track(tracks, i, vector(markers[i]), step, observation.noise[i],
@@ -96,9 +110,10 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
                 predict_track(tracks, i, subtract(completed[i], start), velocity, step,
                               options.inertia)
         hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
-        if options.palm_from_fingers and (
-                count > 0 or hidden_for <= options.max_prediction_time):
-            _fit_to_fingers(markers, seen, tracks, digits, shape, count, step)
+        if options.palm_from_fingers and count > 0:
+            _turn_with_digits(markers, seen, tracks, digits, shape, count)
+        elif options.palm_from_fingers and hidden_for <= options.max_prediction_time:
+            _fit_to_fingers(markers, seen, tracks, digits, shape, step)
     for i in range(3):
         tracks.seen[i] = seen[i]
     return TRACKED if count == 3 else CARRIED if count > 0 else LOST
@@ -114,12 +129,74 @@ def _extrapolated(tracks: Tracks, ahead: float) -> Corners:
 
 
 @jit
-def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
-                    shape: np.ndarray, count: int, step: float) -> None:
-    """Move hidden palm markers to their places in a rigid fit that includes the fingers.
+def _turn_with_digits(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
+                      shape: np.ndarray, count: int) -> None:
+    """Turn hidden palm markers about the seen ones, one or two, by generalised least squares.
 
-    While no palm marker is seen, what the fit leaves of a finger's motion becomes its own: else
-    fingers that move in the palm would drag it along.
+    A digit's marker moves in the palm by a turn, and by its own motion of covariance
+    `own_motion`; a turn is as likely as own motion at `TURN_LEVER`.
+    """
+    axes, origin = rigid_palm(
+        (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), shape)
+    pivot, end = vector(tracks.line[0]), vector(tracks.line[1])
+    is_held = not is_equal(pivot, end)
+    if not is_held:
+        pivot = vector(tracks.mean[0 if seen[0] else 1 if seen[1] else 2])
+        end = vector(tracks.mean[2 if seen[2] else 1])
+    center = components(axes, subtract(pivot, origin))
+    line = unit(components(axes, subtract(end, pivot)))
+    moves, weighted = local_floats(COORDINATES), local_floats(COORDINATES)
+    levers = local_floats((3, COORDINATES))     # [m] moves by a turn about each axis
+    covariance = local_floats((COORDINATES, COORDINATES))
+    factor = local_floats((COORDINATES, COORDINATES))
+    for digit in range(5):
+        if not (seen[3 + digit] and digits.seen[digit]):
+            for i in range(3 * digit, 3 * digit + 3):
+                covariance[i, i] = 1.
+            continue
+        place, first = vector(digits.mean[digit]), 3 * digit
+        arm = subtract(place, center)
+        move = subtract(components(axes, subtract(vector(markers[3 + digit]), origin)), place)
+        for k in range(3):
+            moves[first + k] = move[k]
+            levers[k, first + (k + 1) % 3] = -arm[(k + 2) % 3]
+            levers[k, first + (k + 2) % 3] = arm[(k + 1) % 3]
+            for j in range(first + k + 1):
+                if seen[3 + j // 3] and digits.seen[j // 3]:
+                    covariance[first + k, j] = digits.own_motion[first + k, j]
+            covariance[first + k, first + k] += OTHER_MOTION
+    if not factorise(covariance, COORDINATES, 0., factor):
+        return
+    matrix, pull = local_floats((3, 3)), local_floats(3)
+    for k in range(3):
+        solve_factorised(factor, levers[k], COORDINATES, weighted)
+        matrix[k, k] = TURN_LEVER * TURN_LEVER
+        for i in range(COORDINATES):
+            pull[k] += weighted[i] * moves[i]
+            for j in range(3):
+                matrix[k, j] += weighted[i] * levers[j, i]
+    a, b, c = vector(matrix[0]), vector(matrix[1]), vector(matrix[2])
+    if is_held or count == 2:
+        square = dot(line, (dot(line, a), dot(line, b), dot(line, c)))
+        turn = scale(line, dot(line, vector(pull)) / max(square, TURN_LEVER * TURN_LEVER))
+    else:
+        turn = solve_symmetric(a, b, c, vector(pull))
+    turn = rotate(axes, turn)
+    axis, angle = unit(turn), length(turn)
+    for i in range(3):
+        # One that counts as seen may be off the line.
+        if is_held or not seen[i]:
+            arm = subtract(vector(tracks.mean[i]), pivot)
+            store(tracks.mean, i, add(pivot, rotate_about(axis, angle, arm)))
+
+
+@jit
+def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
+                    shape: np.ndarray, step: float) -> None:
+    """Move palm markers, all hidden, to their places in a rigid fit that includes the fingers.
+
+    What the fit leaves of a finger's motion becomes its own: else fingers that move in the palm
+    would drag it along.
     """
     if tracks.seen[0] or tracks.seen[1] or tracks.seen[2]:
         digits.strayed[:] = 0.
@@ -129,12 +206,12 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
     aims = local_floats((8, 3))
     weights = local_floats(8)
     for i in range(3):
-        weights[i] = SEEN_PALM_WEIGHT if seen[i] else PREDICTED_PALM_WEIGHTS[count]
+        weights[i] = PREDICTED_PALM_WEIGHT
         store(points, i, vector(tracks.mean[i]))
         store(aims, i, vector(tracks.mean[i]))
     for i in range(3, 8):
         # While the palm is lost no digit is tracked: each keeps its last place in the palm.
-        if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
+        if seen[i] and (digits.seen[i - 3] or digits.known[i - 3]):
             place = add(vector(digits.mean[i - 3]), vector(digits.strayed[i - 3]))
             expected = add(origin, rotate(axes, place))
             weights[i] = 1.
@@ -146,17 +223,15 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
             off = distance(vector(points[i]), vector(aims[i])) / FINGER_SCATTER
             weights[i] = 1. / (1. + off * off)
     step_rigidly(points, aims, weights)
-    if count == 0:
-        axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
-        share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME)
-        for i in range(3, 8):
-            if weights[i] > 0.:
-                left = components(axes, subtract(vector(aims[i]), vector(points[i])))
-                for k in range(3):
-                    digits.strayed[i - 3, k] += share * left[k]
+    axes, _ = rigid_palm((vector(points[0]), vector(points[1]), vector(points[2])), shape)
+    share = 1. - math.exp(-max(step, 0.) / LOST_BEND_TIME)
+    for i in range(3, 8):
+        if weights[i] > 0.:
+            left = components(axes, subtract(vector(aims[i]), vector(points[i])))
+            for k in range(3):
+                digits.strayed[i - 3, k] += share * left[k]
     for i in range(3):
-        if not seen[i]:
-            store(tracks.mean, i, vector(points[i]))
+        store(tracks.mean, i, vector(points[i]))
 
 
 @jit

@@ -27,6 +27,8 @@ MAX_LEARNED_SPEED = 1.  # [m/s]
 PRIOR_MOVE = .03        # [m] size of the moves that the prior stands for, for one second
 VELOCITY_HORIZON = .3   # [s] over which a velocity counts as a move
 MOVE_FLOOR = .003       # [m] moves of seen digits below this predict little
+# Of own motion [m²/s]: the prior's on an axis, and what is learned beside which that is the scale.
+PRIOR_MOTION, KNOWN_MOTION = 1e-3, 1e-4
 
 
 class MotionStatistics(NamedTuple):
@@ -139,6 +141,27 @@ def learn(statistics: MotionStatistics, places: np.ndarray, velocities: np.ndarr
         for j in range(COORDINATES):
             statistics.second[i, j] = kept * statistics.second[i, j] + step * x[i] * x[j]
             statistics.motion[i, j] = kept * statistics.motion[i, j] + step * v[i] * v[j]
+
+
+@jit
+def write_own_motion(statistics: MotionStatistics, correlation: np.ndarray,
+                     motion: np.ndarray) -> None:
+    """Write the covariance of the digits' motion in the palm as learned, its mean variance 1.
+
+    Parameters
+    ----------
+    statistics : MotionStatistics
+    correlation : ndarray, shape (15, 15)
+        Of `DigitPrior`.
+    motion : ndarray, shape (15, 15)
+        Replaced [1].
+    """
+    mean = KNOWN_MOTION
+    for i in range(COORDINATES):
+        mean += statistics.motion[i, i] / COORDINATES
+    for i in range(COORDINATES):
+        for j in range(COORDINATES):
+            motion[i, j] = (statistics.motion[i, j] + PRIOR_MOTION * correlation[i, j]) / mean
 
 
 @jit

@@ -88,6 +88,36 @@ def test_hidden_markers_of_a_hand_that_moves_as_a_whole_are_found_from_the_finge
     assert errors[True] < errors[False]
 
 
+@pytest.mark.parametrize('hidden', [(0,), (1,), (2,), (0, 1), (1, 2)])
+def test_digits_tell_a_turn_from_how_they_usually_move(hidden):
+    usual = np.array((-1., 0., -1.) * 4 + (-.3, -.8, -.3))
+    palm = Palm()
+    for _ in range(10):
+        palm.see(*swing(0))
+    palm.digits.own_motion[:] = np.outer(usual, usual) / np.mean(usual ** 2)
+    _, found = palm.see(*swing(0), hidden, FINGER_POSITIONS + .003 * usual.reshape(5, 3))
+    assert np.linalg.norm(found - TEMPLATE, axis=1).max() < 3e-4
+    rotation, position = swing(1)
+    _, found = palm.see(rotation, position, hidden)
+    away = np.linalg.norm(TEMPLATE @ rotation.T + position - TEMPLATE, axis=1).max()
+    assert np.linalg.norm(found - TEMPLATE @ rotation.T - position, axis=1).max() < .2 * away
+
+
+def test_a_palm_turns_about_the_line_of_further_markers():
+    """Those that count as seen turn with it, as they are placed but for that turn."""
+    palm = Palm()
+    for _ in range(10):
+        palm.see(*swing(0))
+    ends = np.array(((.02, -.03, .01), (.03, .04, .01)))
+    turn = Rotation.from_rotvec(.01 * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
+    palm.tracks.line[:] = ends
+    markers = np.vstack((TEMPLATE, turn.apply(FINGER_POSITIONS - ends[0]) + ends[0]))
+    track_palm(Observation(markers, np.arange(8) != 2, np.full(8, 1e-4)), STEP, palm.tracks,
+               palm.digits, palm.wrist, palm.shape, palm.options)
+    np.testing.assert_allclose(
+        palm.tracks.mean[:, :3], turn.apply(TEMPLATE - ends[0]) + ends[0], atol=1e-4)
+
+
 def test_a_whole_palm_out_of_sight_is_found_from_the_fingers_while_predictions_hold():
     errors = []
     for longest in (2., 0.):

@@ -5,7 +5,9 @@ import pytest
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.occlusion.transdigital import (
+    KNOWN_MOTION,
     MOVE_FLOOR,
+    PRIOR_MOTION,
     PRIOR_MOVE,
     VELOCITY_HORIZON,
     learn,
@@ -13,6 +15,7 @@ from hand_tracker.core.occlusion.transdigital import (
     nothing_learned,
     prior_correlation,
     regress_hidden,
+    write_own_motion,
 )
 
 PRIOR_LINKS = .6, .8, .7
@@ -188,3 +191,15 @@ def test_limits_prevail():
     limit_neighbour_difference(angles, np.array((True, False, True, True, True)), BOUNDS,
                                np.zeros(3), *tight.T.copy())
     assert angles[MCP[1]] == .3
+
+
+def test_own_motion_is_that_learned_beside_the_prior():
+    places, velocities = history(5)
+    statistics, found = learned(places, velocities), np.full((15, 15), 7.)
+    prior = PRIOR_MOTION * prior_correlation(*PRIOR_LINKS)
+    write_own_motion(statistics, prior_correlation(*PRIOR_LINKS), found)
+    expected = (statistics.motion + prior) / (np.trace(statistics.motion) / 15. + KNOWN_MOTION)
+    np.testing.assert_allclose(found, expected)
+    # Where nothing is learned a turn is believed less.
+    write_own_motion(nothing_learned().statistics, prior_correlation(*PRIOR_LINKS), found)
+    np.testing.assert_allclose(found, prior / KNOWN_MOTION)
