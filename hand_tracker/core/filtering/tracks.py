@@ -35,6 +35,7 @@ INNOVATION_GATES = (22., 20.)      # of χ² (3 degrees of freedom): a false ala
 
 PACE_TIME = .02           # [s] time constant of the mean velocity; from captures
 MISFIT_TIME = .1          # [s] time constant of the decay of a seen marker's misfit
+PRIOR_MOTION = 1e-3       # [m²/s] of a digit's marker in the palm, beside what is learned
 RESTART_HIDDEN_TIME = .1  # [s] hidden for longer, a marker seen again starts a new filter
 
 
@@ -62,7 +63,9 @@ class Tracks(NamedTuple):
         Of a digit's marker measured while the palm is lost: its own motion since, by which it is
         off `mean` [m].
     own_motion : ndarray, shape (3 n, 3 n)
-        Of the digits' markers: covariance of their motion in the palm, its mean variance 1 [1].
+        Of the digits' markers: covariance of their motion in the palm, over time [m²/s].
+    turning : ndarray, shape (1,)
+        Of the palm's: variance of their turn about an axis, over time [rad²/s].
     line : ndarray, shape (2, 3)
         Of the palm's: ends of the line that further markers hold it by, equal ones for none [m].
     misfit : ndarray, shape (n,)
@@ -79,6 +82,7 @@ class Tracks(NamedTuple):
     hidden_for: np.ndarray
     strayed: np.ndarray
     own_motion: np.ndarray
+    turning: np.ndarray
     line: np.ndarray
     misfit: np.ndarray
 
@@ -91,7 +95,7 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
     return Tracks(
         mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
         np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n),
-        np.zeros((n, 3)), np.eye(3 * n), np.zeros((2, 3)), np.zeros(n))
+        np.zeros((n, 3)), PRIOR_MOTION * np.eye(3 * n), np.zeros(1), np.zeros((2, 3)), np.zeros(n))
 
 
 @jit

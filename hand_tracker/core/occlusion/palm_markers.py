@@ -46,8 +46,10 @@ PREDICTED_PALM_WEIGHT = .15
 FINGER_SCATTER = .015    # [m] from the fit, at which a finger's weight is half
 LOST_BEND_TIME = .08     # [s] in which that residual becomes the finger's own motion
 PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
-TURN_LEVER = .015        # [m] usual own motion of a digit's marker for a radian of the palm's turn
+PRIOR_TURNING = .44      # [rad²/s] of the palm, beside what is learned of it
 OTHER_MOTION = .06       # [1] variance of a digit's marker beside its usual motion, in that of this
+MOST_TURNING = 400.      # [rad²/s²] of a frame's turning about an axis that is learned
+LEAST_SPREAD = 1e-6      # [m²]
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
 
@@ -99,6 +101,19 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
         if seen[i]:
             update_track(tracks, i, vector(markers[i]), step, observation.noise[i],
                          options.smoothing)
+    if count == 3 and options.transdigital_memory > 0.:
+        pace, mean = tracks.pace, tracks.mean
+        spread, moved = 0., 0.
+        for k in range(3):
+            place = (mean[0, k] + mean[1, k] + mean[2, k]) / 3.
+            drift = (pace[0, k] + pace[1, k] + pace[2, k]) / 3.
+            for i in range(3):
+                spread += (mean[i, k] - place) ** 2
+                moved += (pace[i, k] - drift) ** 2
+        # Averaged over all axes, a turn moves points by two thirds of their squared distances.
+        rate = .5 * moved / max(spread, LEAST_SPREAD)
+        tracks.turning[0] = (math.exp(-step / options.transdigital_memory) * tracks.turning[0]
+                             + step * min(rate, MOST_TURNING))
     if count < 3:
         seen_palm = (seen[0], seen[1], seen[2])
         completed = complete_palm(_extrapolated(tracks, 0.), before, seen_palm)
@@ -134,7 +149,7 @@ def _turn_with_digits(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, dig
     """Turn hidden palm markers about the seen ones, one or two, by generalised least squares.
 
     A digit's marker moves in the palm by a turn, and by its own motion of covariance
-    `own_motion`; a turn is as likely as own motion at `TURN_LEVER`.
+    `own_motion`; how much the palm turns on its own is learned, too.
     """
     axes, origin = rigid_palm(
         (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), shape)
@@ -149,6 +164,9 @@ def _turn_with_digits(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, dig
     levers = local_floats((3, COORDINATES))     # [m] moves by a turn about each axis
     covariance = local_floats((COORDINATES, COORDINATES))
     factor = local_floats((COORDINATES, COORDINATES))
+    other = 0.
+    for i in range(COORDINATES):
+        other += OTHER_MOTION / COORDINATES * digits.own_motion[i, i]
     for digit in range(5):
         if not (seen[3 + digit] and digits.seen[digit]):
             for i in range(3 * digit, 3 * digit + 3):
@@ -164,13 +182,14 @@ def _turn_with_digits(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, dig
             for j in range(first + k + 1):
                 if seen[3 + j // 3] and digits.seen[j // 3]:
                     covariance[first + k, j] = digits.own_motion[first + k, j]
-            covariance[first + k, first + k] += OTHER_MOTION
+            covariance[first + k, first + k] += other
     if not factorise(covariance, COORDINATES, 0., factor):
         return
     matrix, pull = local_floats((3, 3)), local_floats(3)
+    precision = 1. / (tracks.turning[0] + PRIOR_TURNING)
     for k in range(3):
         solve_factorised(factor, levers[k], COORDINATES, weighted)
-        matrix[k, k] = TURN_LEVER * TURN_LEVER
+        matrix[k, k] = precision
         for i in range(COORDINATES):
             pull[k] += weighted[i] * moves[i]
             for j in range(3):
@@ -178,7 +197,7 @@ def _turn_with_digits(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, dig
     a, b, c = vector(matrix[0]), vector(matrix[1]), vector(matrix[2])
     if is_held or count == 2:
         square = dot(line, (dot(line, a), dot(line, b), dot(line, c)))
-        turn = scale(line, dot(line, vector(pull)) / max(square, TURN_LEVER * TURN_LEVER))
+        turn = scale(line, dot(line, vector(pull)) / max(square, precision))
     else:
         turn = solve_symmetric(a, b, c, vector(pull))
     turn = rotate(axes, turn)

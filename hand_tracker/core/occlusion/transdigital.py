@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..filtering.tracks import PRIOR_MOTION
 from ..model.hand import DIGITS, FLEXION_JOINTS
 from ..numerics.jit import jit
 from ..numerics.stack_memory import local_floats
@@ -27,8 +28,6 @@ MAX_LEARNED_SPEED = 1.  # [m/s]
 PRIOR_MOVE = .03        # [m] size of the moves that the prior stands for, for one second
 VELOCITY_HORIZON = .3   # [s] over which a velocity counts as a move
 MOVE_FLOOR = .003       # [m] moves of seen digits below this predict little
-# Of own motion [m²/s]: the prior's on an axis, and what is learned beside which that is the scale.
-PRIOR_MOTION, KNOWN_MOTION = 1e-3, 1e-4
 
 
 class MotionStatistics(NamedTuple):
@@ -146,7 +145,7 @@ def learn(statistics: MotionStatistics, places: np.ndarray, velocities: np.ndarr
 @jit
 def write_own_motion(statistics: MotionStatistics, correlation: np.ndarray,
                      motion: np.ndarray) -> None:
-    """Write the covariance of the digits' motion in the palm as learned, its mean variance 1.
+    """Write the covariance of the digits' motion in the palm, as learned beside a prior.
 
     Parameters
     ----------
@@ -154,14 +153,11 @@ def write_own_motion(statistics: MotionStatistics, correlation: np.ndarray,
     correlation : ndarray, shape (15, 15)
         Of `DigitPrior`.
     motion : ndarray, shape (15, 15)
-        Replaced [1].
+        Replaced [m²/s].
     """
-    mean = KNOWN_MOTION
-    for i in range(COORDINATES):
-        mean += statistics.motion[i, i] / COORDINATES
     for i in range(COORDINATES):
         for j in range(COORDINATES):
-            motion[i, j] = (statistics.motion[i, j] + PRIOR_MOTION * correlation[i, j]) / mean
+            motion[i, j] = statistics.motion[i, j] + PRIOR_MOTION * correlation[i, j]
 
 
 @jit

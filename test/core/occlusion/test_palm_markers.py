@@ -94,13 +94,36 @@ def test_digits_tell_a_turn_from_how_they_usually_move(hidden):
     palm = Palm()
     for _ in range(10):
         palm.see(*swing(0))
-    palm.digits.own_motion[:] = np.outer(usual, usual) / np.mean(usual ** 2)
+    palm.digits.own_motion[:] = 1e-4 * np.outer(usual, usual) / np.mean(usual ** 2)
     _, found = palm.see(*swing(0), hidden, FINGER_POSITIONS + .003 * usual.reshape(5, 3))
     assert np.linalg.norm(found - TEMPLATE, axis=1).max() < 3e-4
     rotation, position = swing(1)
     _, found = palm.see(rotation, position, hidden)
     away = np.linalg.norm(TEMPLATE @ rotation.T + position - TEMPLATE, axis=1).max()
     assert np.linalg.norm(found - TEMPLATE @ rotation.T - position, axis=1).max() < .2 * away
+
+
+def test_how_much_the_palm_turns_is_learned():
+    palm, spun = Palm(), 0.
+    palm.options = palm.options._replace(transdigital_memory=1e6)
+    for frame in range(200):
+        palm.see(*swing(frame))
+        spun += (.4 * .03 * np.cos(.03 * frame) / STEP) ** 2 * STEP * (.25 + .09 + .64) / 3.
+    assert palm.tracks.turning[0] == pytest.approx(spun, rel=.35)
+
+
+def test_a_palm_that_turned_much_turns_with_the_digits():
+    turned = []
+    for turning in (0., 100.):
+        palm = Palm()
+        for _ in range(10):
+            palm.see(*swing(0))
+        palm.digits.own_motion[:], palm.tracks.turning[:] = .1 * np.eye(15), turning
+        rotation, position = swing(1)
+        _, found = palm.see(rotation, position, (0,))
+        off = np.linalg.norm(found[0] - TEMPLATE[0] @ rotation.T - position)
+        turned.append(1. - off / np.linalg.norm(TEMPLATE[0] @ rotation.T + position - TEMPLATE[0]))
+    assert turned[1] > turned[0] + .05
 
 
 def test_a_palm_turns_about_the_line_of_further_markers():
@@ -110,7 +133,7 @@ def test_a_palm_turns_about_the_line_of_further_markers():
         palm.see(*swing(0))
     ends = np.array(((.02, -.03, .01), (.03, .04, .01)))
     turn = Rotation.from_rotvec(.01 * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
-    palm.tracks.line[:] = ends
+    palm.tracks.line[:], palm.digits.own_motion[:] = ends, 1e-4 * np.eye(15)
     markers = np.vstack((TEMPLATE, turn.apply(FINGER_POSITIONS - ends[0]) + ends[0]))
     track_palm(Observation(markers, np.arange(8) != 2, np.full(8, 1e-4)), STEP, palm.tracks,
                palm.digits, palm.wrist, palm.shape, palm.options)
