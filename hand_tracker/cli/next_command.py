@@ -20,7 +20,7 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
-from ..files.recordings import BVH, C3D, is_named_as_recording
+from ..files.recordings import BVH, C3D, FileFormat, is_named_as_recording
 from ..messages.labels import WITHOUT_LABELS
 from ..splicing.spliced_points import is_body_of_markers
 from ..tracking.label_check import label_fault
@@ -55,7 +55,7 @@ class _Findings(NamedTuple):
     given: dict[str, str]
 
     @property
-    def has_both(self) -> bool:
+    def is_both(self) -> bool:
         return self.likeliest is not None and has_both(
             self.recording, self.layouts, self.likeliest.name)
 
@@ -104,9 +104,8 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     if not any(recording.labels) or found.is_nameless:
         return shlex.join([*track, *_words_without_labels(found)])
     if likeliest is not None:
-        return shlex.join([*track, *_words_of_layout(likeliest, found.has_both)])
-    spliced = '' if given else _splice_command(found)
-    return spliced or shlex.join([*track, *_words_by_labels(found)])
+        return shlex.join([*track, *_words_of_layout(likeliest, found.is_both)])
+    return _command_by_labels(found, track)
 
 
 def calibration_command(command: str) -> str:
@@ -145,7 +144,7 @@ def _reading_words(recording: PointRecording, options: argparse.Namespace,
 
 def _words_by_ids(found: _Findings, options: argparse.Namespace) -> list[str]:
     """Return the options for messages whose ids may be the markers'."""
-    if found.has_both:
+    if found.is_both:
         return ['--side', BOTH]
     without_labels = _words_without_labels(found)
     if '--layout' not in without_labels and label_fault(
@@ -172,10 +171,15 @@ def _words_of_layout(layout: LikelyLayout, is_both: bool) -> list[str]:
             *['--side', side] * (side in (*SIDES, BOTH))]
 
 
-def _words_by_labels(found: _Findings) -> list[str]:
-    """Return the options that name each marker's label, those unknown left for the reader."""
+def _command_by_labels(found: _Findings, track: list[str]) -> str:
+    """Return the command that names each marker's label, those unknown left for the reader.
+
+    For a body without a hand it is the one that puts tracked hands on it.
+    """
     recording, given = found.recording, dict(found.given)
     side = layout = ''
+    if not given and recording.format == BVH.name and is_body(recording):
+        return _splice_command(found.path, BVH)
     try:
         chosen = choose_markers(recording, names=given)
         side = chosen.side
@@ -183,34 +187,20 @@ def _words_by_labels(found: _Findings) -> list[str]:
             by_shape, likelihood = side_by_shape(recording, chosen.columns_of(given))
             side = by_shape if likelihood > SURE else ''    # `track` tells of a doubt
     except UnknownMarkers as error:
+        if not given and is_body_of_markers(recording):
+            return _splice_command(found.path, C3D)
         layout = '' if given or found.layouts else _layout_by_number(recording)
         given |= dict.fromkeys(
             preset_layout(layout).names if layout else error.missing, UNKNOWN_LABEL)
     named = ','.join(f'{marker}={label}' for marker, label in given.items())
-    return [*['--side', side] * bool(side), *['--layout', layout] * bool(layout),
-            *['--markers', named] * bool(named)]
+    return shlex.join([*track, *['--side', side] * bool(side), *['--layout', layout] * bool(layout),
+                       *['--markers', named] * bool(named)])
 
 
-def _splice_command(found: _Findings) -> str:
-    """Return the command that puts tracked hands on a recorded body, empty for a hand."""
-    recording = found.recording
-    if recording.format == BVH.name and is_body(recording):
-        suffix = BVH.suffixes[0]
-    elif is_body_of_markers(recording) and not _has_hand(recording):
-        suffix = C3D.suffixes[0]
-    else:
-        return ''
-    return shlex.join(['hand_tracker', 'splice', str(found.path), UNKNOWN_RECORDING,
-                       '-o', _output(found.path, f'_hands{suffix}')])
-
-
-def _has_hand(recording: PointRecording) -> bool:
-    """Return whether the labels name all markers of a hand."""
-    try:
-        choose_markers(recording)
-    except UnknownMarkers:
-        return False
-    return True
+def _splice_command(path: Path, form: FileFormat) -> str:
+    """Return the command that puts tracked hands on a recorded body, in a format."""
+    return shlex.join(['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING,
+                       '-o', _output(path, f'_hands{form.suffixes[0]}')])
 
 
 def _layout_by_number(recording: PointRecording) -> str:

@@ -108,7 +108,7 @@ def joint_state(stamp: StampLike, joints: Sequence[str], angles: np.ndarray,
 
 def diagnostics(stamp: StampLike, name: str, hardware_id: str,
                 status: StatusLike) -> DiagnosticArray:
-    """Return the DiagnosticArray of one hand's tracking, as REP 107 asks.
+    """Return the DiagnosticArray of one status, as REP 107 asks.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ Qualisys over its real-time protocol, or landmarks of a headset or camera. What 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -60,7 +61,7 @@ from ..files.layout_file import choose_layout
 from ..messages.builders import diagnostics
 from ..messages.landmark_kinds import LANDMARK_ORDERS
 from ..messages.marker_ids import SOURCE_FRAME, layout_ids
-from ..tracking.diagnostics import STATUS_PERIOD
+from ..tracking.diagnostics import QUIET_AFTER, STATUS_PERIOD
 from ..tracking.rate_limit import OncePerKey
 from ..tracking.source_status import SourceStatus
 from .executors import steady_clock
@@ -121,7 +122,7 @@ class SourceNode(Node):
         super().__init__('source')
         values = self._values = declare(self, SOURCE_PARAMETERS)
         landmark_order(values['landmarks'])
-        self._once, self._status = OncePerKey(), SourceStatus()
+        self._once, self._status = OncePerKey(), SourceStatus(time.monotonic())
         layout = _worn_layout(values)
         self._ids_of_both = ids_of_both_hands(layout)
         self._writer = MarkerArrayWriter(
@@ -161,7 +162,7 @@ class SourceNode(Node):
                 client.run(self._ended)
             except Exception as error:
                 self._warn_once(f'fault {error!r}', f'{self._origin}: begun anew after a fault: '
-                                f'{format_exc()}')
+                                f'{error!r}', f'\n{format_exc()}')
                 self._ended.wait(REST_TIME)
 
     def _subscribe(self) -> None:
@@ -211,7 +212,7 @@ class SourceNode(Node):
         packets = relay.receive(sockets, timeout, is_stream)
         relayed = sum(packet.is_relayed for packet in packets)
         if relayed:
-            self._status.add_alike(relayed)
+            self._status.add_alike(time.monotonic(), relayed)
             if self._publisher.get_subscription_count():
                 self._publisher.publish(relay.message())
         return packets
@@ -255,7 +256,7 @@ class SourceNode(Node):
         # Others may listen too.
         if self._take is None or self._publisher.get_subscription_count():
             self._publisher.publish(message)
-        self._status.add(len(frame.names), len(frame.points))
+        self._status.add(time.monotonic(), len(frame.names), len(frame.points))
         # Names may come later than the first points.
         if not self._has_frame or frame.names and not self._has_names:
             self._report_names(frame)
@@ -273,28 +274,33 @@ class SourceNode(Node):
 
     def _report_silence(self) -> None:
         self._silence.cancel()
-        if self._has_frame:
-            return
+        if not self._has_frame:
+            log_line(self, True, f'{self._origin}: no frame yet; {self._who_publishes()}')
+
+    def _who_publishes(self) -> str:
+        """Return a line on the publishers of the source's topic."""
         kinds = sorted({info.topic_type for info in
                         self.get_publishers_info_by_topic(self._origin)})
-        self._warn_once('silence', f'{self._origin}: no frame yet; '
-                        + (f'it is published as {", ".join(kinds)}' if kinds else
-                           'nobody publishes it'))
+        return f'it is published as {", ".join(kinds)}' if kinds else 'nobody publishes it'
 
     def _publish_status(self) -> None:
+        now = time.monotonic()
+        is_silent = self._client is None and self._status.quiet_for(now) > QUIET_AFTER
+        status = self._status.status(now, self._who_publishes() if is_silent else '')
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), f"{self.get_name()}: {self._values['source']}",
-            self._origin, self._status.status()))
+            self._origin, status))
 
-    def _warn_once(self, key: str, text: str) -> None:
-        self._status.warn(text)
+    def _warn_once(self, key: str, text: str, details: str = '') -> None:
+        """Log a warning once for each key; note it, without the details, in the status."""
+        self._status.warn(time.monotonic(), text)
         if self._once.allows(key):
-            log_line(self, True, text)
+            log_line(self, True, text + details)
 
     def _on_news(self, is_warning: bool, text: str) -> None:
         log_line(self, is_warning, text)
         if is_warning:
-            self._status.warn(text)
+            self._status.warn(time.monotonic(), text)
 
     def end(self) -> None:
         """End the client, which hands over nothing from then on."""

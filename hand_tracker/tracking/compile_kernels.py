@@ -216,7 +216,8 @@ def complete_set(kernel_set: str, compile_set: Callable[[], object],
 def _rare_collections() -> Iterator[None]:
     """Look for garbage seldom: a seventh of numba's time goes there, as its objects live on."""
     thresholds = gc.get_threshold()
-    gc.set_threshold(COLLECTION_THRESHOLD, *thresholds[1:])
+    if thresholds[0] > 0:   # else it is off
+        gc.set_threshold(max(thresholds[0], COLLECTION_THRESHOLD), *thresholds[1:])
     try:
         yield
     finally:

@@ -40,7 +40,7 @@ class Level(enum.IntEnum):
 
 
 class Status(NamedTuple):
-    """Status of the tracking.
+    """Status of the tracking, or of another task.
 
     Attributes
     ----------

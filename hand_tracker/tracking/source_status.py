@@ -1,46 +1,73 @@
-"""The status of a source of points for /diagnostics: whether frames come, how many, and what of."""
+"""The status of a source of points for /diagnostics: its frames, and what is wrong with them."""
 
 from __future__ import annotations
 
-import time
+from .diagnostics import QUIET_AFTER, STATUS_PERIOD, Level, Status
 
-from .diagnostics import QUIET_AFTER, Level, Status
+WARNED_TIME = 10.   # [s] that a warning lasts, as most are said but once
+MOST_WARNINGS = 4   # that last
 
 
 class SourceStatus:
-    """Count the frames of a source, and tell its status."""
+    """Count the frames of a source, and tell its status.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    now : float
+        Steady, as that of all calls [s].
+    """
+
+    def __init__(self, now: float) -> None:
         self._frames = self._told = self._named = self._anonymous = 0
-        self._last: float | None = None     # when a frame came, steady [s]
-        self._since = time.monotonic()      # of the last status
-        self._warning = self._noted = ''    # of the last frame, since then
+        self._last: float | None = None     # when a frame came
+        self._since, self._rate = now, 0.   # of the last rate
+        self._warnings: dict[str, float] = {}
 
-    def warn(self, text: str) -> None:
-        """Note what is wrong with the next frame, or why none comes."""
-        self._noted = text
-
-    def add(self, named: int, anonymous: int) -> None:
-        """Count a frame with so many named markers and anonymous points."""
+    def add(self, now: float, named: int, anonymous: int) -> None:
+        """Count a frame with so many names of markers and anonymous points."""
         self._named, self._anonymous = named, anonymous
-        self._warning = self._noted
-        self.add_alike(1)
+        self.add_alike(now, 1)
 
-    def add_alike(self, count: int) -> None:
+    def add_alike(self, now: float, count: int) -> None:
         """Count frames that are like the last one but for the places of their points."""
         self._frames += count
-        self._last, self._noted = time.monotonic(), ''
+        self._last = now
 
-    def status(self) -> Status:
-        """Return the status, with the rate since the last one."""
-        now, frames, last = time.monotonic(), self._frames, self._last
-        rate = (frames - self._told) / max(now - self._since, 1e-3)
-        self._told, self._since = frames, now
-        is_quiet = last is None or now - last > QUIET_AFTER
-        text = ('no frame yet' if last is None else
-                f'no frame for {now - last:.1f} s' if is_quiet else 'frames come')
-        if warning := self._noted or self._warning:
-            text += f'; {warning}'
-        return Status(Level.WARN if is_quiet or warning else Level.OK, text, {
-            'frames': str(frames), 'frames per second': f'{rate:.1f}',
-            'named markers': str(self._named), 'anonymous points': str(self._anonymous)})
+    def warn(self, now: float, text: str) -> None:
+        """Note what is wrong."""
+        self._warnings.pop(text, None)  # the latest is the last one
+        self._warnings[text] = now
+        for oldest in list(self._warnings)[:-MOST_WARNINGS]:
+            self._warnings.pop(oldest, None)
+
+    def quiet_for(self, now: float) -> float:
+        """Return for how long no frame has come, infinite where none came yet [s]."""
+        return float('inf') if self._last is None else now - self._last
+
+    def status(self, now: float, silence: str = '') -> Status:
+        """Return the status.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        silence : str, optional
+            Why no frame may come.
+        """
+        if now - self._since > .9 * STATUS_PERIOD:
+            frames = self._frames
+            self._rate = (frames - self._told) / (now - self._since)
+            self._told, self._since = frames, now
+        quiet = self.quiet_for(now)
+        text = 'frames come'
+        if is_quiet := quiet > QUIET_AFTER:
+            text = 'no frame yet' if self._last is None else f'no frame for {quiet:.1f} s'
+        # Another thread may warn meanwhile.
+        recent = [warning for warning, said in list(self._warnings.items())
+                  if now - said < WARNED_TIME]
+        troubles = [silence] * (is_quiet and bool(silence)) + recent
+        return Status(Level.WARN if is_quiet or troubles else Level.OK,
+                      '; '.join([text, *troubles]), {
+                          'frames': str(self._frames), 'rate [Hz]': f'{self._rate:.1f}',
+                          'names of markers': str(self._named),
+                          'anonymous points': str(self._anonymous)})

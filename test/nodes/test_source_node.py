@@ -250,18 +250,32 @@ def test_parameters_that_contradict_each_other_are_refused(parameters, said):
 
 def test_its_status_is_on_diagnostics():
     made = Markers(markers=[named(marker, at) for marker, at in zip(MARKERS, PLACES)])
-    with source(source='mocap4r2', subject='RHand') as (node, watch):
+    with source(source='mocap4r2', subject='RHand') as (_, watch):
         found = watch.collect(DiagnosticArray, '/diagnostics')
-        publisher = watch.create_publisher(Markers, '/markers', 10)
         watch.spin_until(lambda: found)
-        assert found[-1].status[0].message == 'no frame yet'
-        assert found[-1].status[0].name == 'source: mocap4r2'
-        assert found[-1].status[0].hardware_id == '/markers'
+        status, = found[0].status
+        assert status.message == 'no frame yet; nobody publishes it'
+        assert (status.name, status.hardware_id) == ('source: mocap4r2', '/markers')
+        publisher = watch.create_publisher(Markers, '/markers', 10)
         fault = "/markers: subject: 'RHand'; expected none, as its markers have no subject"
         watch.repeat(lambda: publisher.publish(made),
                      lambda: found[-1].status[0].message == f'frames come; {fault}', .05)
-        values = {value.key: value.value for value in found[-1].status[0].values}
-        assert float(values['frames per second']) > 0. and values['named markers'] == '0'
+        watch.repeat(lambda: publisher.publish(made), lambda: float(next(
+            value.value for value in found[-1].status[0].values
+            if value.key == 'rate [Hz]')) > 0., .05)
+
+
+def test_what_a_client_says_is_in_its_status(monkeypatch):
+    def run(self, ended):
+        while not ended.wait(.1):
+            self._on_news(False, 'found')
+            self._on_news(True, 'no answer')
+
+    monkeypatch.setattr(NatNetClient, 'run', run)
+    with source(source='natnet', port=9) as (_, watch):
+        found = watch.collect(DiagnosticArray, '/diagnostics')
+        watch.spin_until(lambda: found)
+        assert found[0].status[0].message == 'no frame yet; no answer'
 
 
 def test_lacking_messages_are_named():

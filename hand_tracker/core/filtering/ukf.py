@@ -15,11 +15,13 @@ All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place:
 each of position, velocity and acceleration [m, m/s, m/s²], and products of these.
 """
 
+from functools import partial
+
 import numpy as np
 
 from ..numerics.jit import jit
 from ..numerics.packs import indexed
-from ..numerics.variable_turn import AxisState, Turn, inlined_jit, turn_matrices, turned
+from ..numerics.variable_turn import AxisState, Turn, turn_matrices, turned
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale
 
 STATE_SIZE = 9
@@ -139,7 +141,8 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     _limit_state(mean, covariance)
 
 
-@inlined_jit
+# Inlined, as tuples are passed through memory.
+@partial(jit, forceinline=True)
 def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector, rate: float,
                   speed2: float, uncertainty: float) -> tuple[AxisTerms, float, float]:
     """Return moments of the squared turn rate ρ = N / speed2², N = |v|²|a|² − (v·a)², not bounded.
@@ -180,7 +183,7 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
         dot(by_velocity, of_velocity) + dot(by_acceleration, of_acceleration), trace)
 
 
-@inlined_jit
+@partial(jit, forceinline=True)
 def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: Vector) -> Vector:
     """Return three rows of the covariance times a velocity and an acceleration."""
     x, y, z = 0., 0., 0.
@@ -192,7 +195,7 @@ def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: V
     return x, y, z
 
 
-@inlined_jit
+@partial(jit, forceinline=True)
 def _turn_mean(mean: np.ndarray, k: int, turns: tuple[Turn, Turn, Turn], with_rate: AxisState,
                variance: float, trace: float) -> AxisTerms:
     """Replace the mean on an axis; return u, w and m on it, by which the covariance changes.
@@ -209,7 +212,7 @@ def _turn_mean(mean: np.ndarray, k: int, turns: tuple[Turn, Turn, Turn], with_ra
     return u, w, m
 
 
-@inlined_jit
+@partial(jit, forceinline=True)
 def _turn_covariance(covariance: np.ndarray, k: int, other: int, turn: Turn, terms: AxisTerms,
                      other_terms: AxisTerms) -> None:
     """Replace the covariance of the states on two axes: J P Jᵀ + β m mᵀ."""

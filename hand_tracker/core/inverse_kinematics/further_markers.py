@@ -72,9 +72,7 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
     axes, origin = frame(wrist.rotation), vector(wrist.position)
     longest = patience if patience > 0. else math.inf
     bases, gates = local_floats(5), local_floats(5)
-    bases[:] = gates[:] = math.inf
-    if gated:
-        _open_gates(changed, noise, step, bases, gates)
+    _open_gates(changed, noise, step, gated, bases, gates)
     for row in range(rows.used[0]):
         digit = rows.digit[row]
         if digit >= 0:
@@ -93,23 +91,24 @@ def lay_digits_flat(chains: Chains, rows: MarkerRows, state: RowState, wrist: Wr
 
 
 @jit
-def _open_gates(changed: np.ndarray, noise: np.ndarray, step: float, bases: np.ndarray,
-                gates: np.ndarray) -> None:
+def _open_gates(changed: np.ndarray, noise: np.ndarray, step: float, gated: bool,
+                bases: np.ndarray, gates: np.ndarray) -> None:
     """Write how far further markers of each digit may be off their way, beside no other marker.
 
     Parameters
     ----------
-    changed, noise, step
+    changed, noise, step, gated
         As for `lay_digits_flat`.
     bases : ndarray, shape (5,)
         Replaced: of a marker that comes back [m].
     gates : ndarray, shape (5,)
-        Replaced: of one that was there, as the principal marker is hidden [m]. As the palm gains
-        or loses a marker it may leap, and all digits with it: it stays as it is.
+        Replaced: of one that was there, while the principal marker is hidden [m].
     """
+    bases[:] = gates[:] = math.inf
     bend = .5 * LONE_GATE_BEND * min(max(step, LEAST_GATE_TIME), MOST_GATE_TIME) ** 2
-    for digit in range(5):
+    for digit in range(5 if gated else 0):
         bases[digit] = FURTHER_GATE_BASE + FURTHER_GATE_NOISE * noise[3 + digit]
+        # As the palm gains or loses a marker it may leap, and all digits with it.
         if not changed[digit]:
             gates[digit] = bases[digit] + bend
 

@@ -13,9 +13,6 @@ AxisState = tuple[float, float, float]  # position, velocity and acceleration on
 # L, or a derivative of it, on every axis: ((a, b, c), (0, d, b), (0, e, d)).
 Turn = tuple[float, float, float, float, float]
 
-# Inlined, as tuples are passed through memory; not fused, so that all callers round alike.
-inlined_jit = partial(jit, forceinline=True)
-
 
 @jit
 def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
@@ -54,7 +51,8 @@ def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
     )
 
 
-@inlined_jit
+# Inlined, as tuples are passed through memory.
+@partial(jit, forceinline=True)
 def turned(turn: Turn, axis: AxisState) -> AxisState:
     """Return the product of L, or a derivative of it, with the state on an axis."""
     return (turn[0] * axis[0] + turn[1] * axis[1] + turn[2] * axis[2],
