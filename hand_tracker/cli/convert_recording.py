@@ -29,8 +29,6 @@ def convert_recording(options: argparse.Namespace, interrupted: Interruptions) -
         # A skeleton is what the tracker finds in the points.
         return str(track_file(options, interrupted))
     recording = _points(options)
-    if not len(recording.points):
-        raise RecordingError(f'{options.recording}: no frames to convert')
     _tell_losses(recording, options)
     recording = _relabelled(recording, options)
     written = write_recording(output, recording, form)
@@ -65,7 +63,7 @@ def _points(options: argparse.Namespace) -> PointRecording:
 
 
 def _tell_losses(recording: PointRecording, options: argparse.Namespace) -> None:
-    """Print a recording's notes, and what of it the output cannot hold."""
+    """Print a recording's notes, and what of it the output cannot hold; refuse an empty one."""
     output, suffix = options.output, options.output.suffix.lower()
     notes = list(recording.notes)
     if suffix not in STORAGE and recording.left_out:
@@ -73,6 +71,8 @@ def _tell_losses(recording: PointRecording, options: argparse.Namespace) -> None
                      'say: written as missing')
     for note in notes:
         print(f'{options.recording}: {note}', file=sys.stderr)
+    if not len(recording.points):
+        raise RecordingError(f'{options.recording}: no frames to convert')
     unseen = [label for label, seen in zip(recording.labels, recording.seen.T)
               if label and not seen.any()] if suffix in STORAGE else []
     if unseen:
