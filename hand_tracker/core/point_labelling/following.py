@@ -25,6 +25,7 @@ from .hand_track import (
     place_again,
     predict_hand,
     reset_palm_gaps,
+    write_deviations,
 )
 from .links import exchange_gain
 from .pair_search import place_by_all
@@ -53,7 +54,7 @@ from .rivals import note_cut, review_labels
 LEAST_POINT_DEVIATION = .0015     # [m] prediction error of a seen marker, at least; ours
 GREATEST_DEVIATION = .012   # [m] the same, at most; ours
 DEVIATION_GAIN = .05        # [1] filter gain of a prediction error that falls
-LOCAL_RISE = .3             # [1] the same of one that rises, in the palm's frame; ours
+OWN_RISE = .3               # [1] the same of one that rises, in the palm's frame; ours
 SURE_PALM = 5               # seen palm markers that show the palm's pose beyond doubt; ours
 CONTRADICTION = 60.         # gate: squared Mahalanobis distance given the other markers; ours
 MEETING_COST = 12.          # cost of an exchange below which two labels are ambiguous; ours
@@ -228,6 +229,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
     finding, count = track.finding, len(rows)
     # The jump of a roughly placed palm that is seen again is no motion.
     replaced = palm_changes(prototype, track, rows)
+    sure = not replaced and count_seen_palm(prototype, rows) >= SURE_PALM
     if step > 0. and not replaced:
         _follow_motion(prototype, track, rows, last, step)
     local = seen.local
@@ -255,7 +257,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
         elif track.returns.age[i] < math.inf:
             given_up[i] = _judge_return(
                 prototype, track, i, seen, rows[i], matrix, gradient, same, step)
-        _correct_marker(track, i, seen, rows[i], replaced, step)
+        _correct_marker(track, i, seen, rows[i], replaced, sure, step)
         contradicted = contradiction(
             matrix, gradient, i, distance, count - hidden) > CONTRADICTION
         track.suspected_for[i] = track.suspected_for[i] + step if contradicted else 0.
@@ -421,8 +423,8 @@ def _judge_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoin
 
 @labelling_jit
 def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replaced: bool,
-                    step: float) -> None:
-    """Correct position, velocity and prediction error of a seen marker by its point.
+                    sure: bool, step: float) -> None:
+    """Correct position, velocity and prediction errors of a seen marker by its point.
 
     Parameters
     ----------
@@ -434,6 +436,8 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
         Of its point.
     replaced : bool
         Whether the set of seen palm markers has changed.
+    sure : bool
+        Whether the error in the palm's frame is known.
     step : float
         Time since then [s].
     """
@@ -441,7 +445,7 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
     off, own = 0., 0.
     for k in range(3):
         if known:
-            off += (seen.cloud.points[row, k] - track.place[i, k]) ** 2
+            off += (seen.cloud.points[row, k] - track.predicted[i, k]) ** 2
             own += (track.finding.size[0] * (seen.local[row, k] - track.local[i, k])) ** 2
             if step > 0. and not replaced:
                 track.drift[i, k] += DRIFT_GAIN * (seen.local[row, k] - track.local[i, k]) / step
@@ -451,8 +455,9 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
         if track.returns.age[i] == math.inf:
             track.expected[i, k] = np.nan
     if known and track.age[0] > 0.:
-        track.error[0, i] = _filtered_error(track.error[0, i], off, 1.)
-        track.error[1, i] = _filtered_error(track.error[1, i], own / 3., LOCAL_RISE)
+        track.error[i] = _filtered_error(track.error[i], off, 1.)
+        if sure:
+            track.own_error[i] = _filtered_error(track.own_error[i], own / 3., OWN_RISE)
     track.hidden_for[i] = 0.
 
 
@@ -507,37 +512,24 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 
 @labelling_jit
 def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
-                 was_seen: np.ndarray) -> bool:
+                 was_seen: np.ndarray, step: float) -> bool:
     """Fit the palm to its new points, to match once more; return whether that was done.
 
-    Where `SURE_PALM` markers show the palm's motion, the others are then expected within their
-    errors in its frame. Fewer follow any wrong point: only where digit markers vanish, and within
-    the same errors. The first M of `rows` and `was_seen` are the hand's markers.
+    Where `SURE_PALM` markers show the palm's motion, all are then expected within their errors in
+    its frame. Fewer follow any wrong point: only where digit markers vanish, and within the errors
+    that are left by the fitted palm. The first M of `rows` and `was_seen` are the hand's markers.
     """
     mine = rows[:len(track.place)]
     sure = count_seen_palm(prototype, mine) >= SURE_PALM
     if palm_changes(prototype, track, mine) or not (sure or _vanish(was_seen, mine)):
         return False
-    for i in range(len(mine) if sure else 0):
-        track.deviation[i] = math.sqrt(
-            track.deviation[i] ** 2 - track.error[0, i] ** 2 + track.error[1, i] ** 2)
-        if was_seen[i] and mine[i] >= 0:    # while the palm's error is in its place
-            off = 0.
-            for k in range(3):
-                off += (points[mine[i], k] - track.place[i, k]) ** 2
-            track.error[0, i] = _filtered_error(track.error[0, i], off, 1.)
     place_palm_by(prototype, track, points, mine)
     place_again(track)
+    if sure:
+        write_deviations(prototype, track, track.own_error, step)
+    else:
+        track.predicted[:] = track.place
     return True
-
-
-@labelling_jit
-def _is_sure(prototype: Prototype) -> bool:
-    """Return whether the palm has `SURE_PALM` markers or more."""
-    count = 0
-    for weight in prototype.rigid:
-        count += 1 if weight > 0. else 0
-    return count >= SURE_PALM
 
 
 @labelling_jit
@@ -642,23 +634,22 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     was_seen, distance = np.zeros(total, dtype=np.bool_), np.empty(hands)
     palms = np.empty((hands, 4, 3))
     rows, cost = np.full(total, -1), np.full((total, len(points)), math.inf)
-    local, sure = np.empty((len(points), 3)), False
+    local = np.empty((len(points), 3))
     for turn in range(2):
         # One loop for each step: each access to a track in the tuple costs.
         for hand in range(hands):
             prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
             if turn == 0:
                 distance[hand] = _predict(prototype, track, first, step, was_seen, palms[hand])
-                sure = sure or _is_sure(prototype)
             match_costs(prototype, track, PalmPoints(cloud, local, history, first), cost)
         assign_rows(cost, 0., rows)
-        if turn > 0 or not (sure or _vanish(was_seen, rows)):
+        if turn > 0:
             break
         # A fast motion moves markers far: match them once more, from the palm fitted anew.
         again = False
         for hand in range(hands):
             placed = _match_again(prototypes[hand], tracks[hand], points, rows[firsts[hand]:],
-                                  was_seen[firsts[hand]:])
+                                  was_seen[firsts[hand]:], step)
             again = again or placed
         if not again:
             break

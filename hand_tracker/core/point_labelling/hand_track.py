@@ -68,8 +68,10 @@ class HandTrack(NamedTuple):
     ----------
     finding : Finding
         Its labels and its palm.
+    predicted : ndarray, shape (M, 3)
+        Place of each marker that `error` is measured from [m].
     place : ndarray, shape (M, 3)
-        Predicted place of each marker [m].
+        The same, once a sure palm is fitted to its points by that palm [m].
     local : ndarray, shape (M, 3)
         The same in the palm's frame, scaled to the prototype's size [m].
     drift : ndarray, shape (M, 3)
@@ -78,11 +80,12 @@ class HandTrack(NamedTuple):
         Conditional mean of each hidden marker given the seen ones, in the last frame [m].
     spread : ndarray, shape (M,)
         Conditional variance of each hidden marker, on each axis [m²].
-    error : ndarray, shape (2, M)
-        Filtered prediction error of each marker while it is seen, and the same on each axis of the
-        palm's frame, once the palm is placed by its points [m].
+    error : ndarray, shape (M,)
+        Filtered distance of each seen marker from `predicted` [m].
+    own_error : ndarray, shape (M,)
+        The same in the frame of a sure palm fitted to its points, on each axis [m].
     deviation : ndarray, shape (M,)
-        Standard deviation of the prediction [m].
+        Standard deviation of `place`: by `error`, by `own_error` once a sure palm is fitted [m].
     hidden_for : ndarray, shape (M,)
         Duration of the occlusion, 0 for a seen marker [s].
     suspected_for : ndarray, shape (M,)
@@ -128,12 +131,14 @@ class HandTrack(NamedTuple):
     """
 
     finding: Finding
+    predicted: np.ndarray
     place: np.ndarray
     local: np.ndarray
     drift: np.ndarray
     expected: np.ndarray
     spread: np.ndarray
     error: np.ndarray
+    own_error: np.ndarray
     deviation: np.ndarray
     hidden_for: np.ndarray
     suspected_for: np.ndarray
@@ -161,9 +166,9 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
     """Return the track of a hand that was found among points, shape (n, 3) [m]."""
     count = len(prototype.template)
     track = HandTrack(
-        Finding(*(part.copy() for part in finding)), np.zeros((count, 3)),
+        Finding(*(part.copy() for part in finding)), np.zeros((count, 3)), np.zeros((count, 3)),
         prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
-        np.zeros(count), np.full((2, count), FIRST_DEVIATION),
+        np.zeros(count), np.full(count, FIRST_DEVIATION), np.full(count, FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
         np.zeros((count, count)), np.zeros(count), np.full(count, -1), np.zeros(count),
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
@@ -242,13 +247,22 @@ def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
     turn_rotation(finding.rotation, track.motion[1, 0] * step, track.motion[1, 1] * step,
                   track.motion[1, 2] * step)
     for i in range(len(track.place)):
-        growth = HIDDEN_PALM_DEVIATION if prototype.rigid[i] > 0. else HIDDEN_DEVIATION
-        grown = growth * growth * min(track.hidden_for[i], LONGEST_HIDDEN)
-        leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
-        track.deviation[i] = math.sqrt(track.error[0, i] ** 2 + leap * leap + grown)
         for k in range(3):
             track.local[i, k] += track.drift[i, k] * step
+    write_deviations(prototype, track, track.error, step)
     place_again(track)
+    track.predicted[:] = track.place
+
+
+@labelling_jit
+def write_deviations(prototype: Prototype, track: HandTrack, error: np.ndarray,
+                     step: float) -> None:
+    """Write the deviations of places a time step [s] ahead, by the markers' errors, (M,) [m]."""
+    leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
+    for i in range(len(error)):
+        growth = HIDDEN_PALM_DEVIATION if prototype.rigid[i] > 0. else HIDDEN_DEVIATION
+        grown = growth * growth * min(track.hidden_for[i], LONGEST_HIDDEN)
+        track.deviation[i] = math.sqrt(error[i] ** 2 + leap * leap + grown)
 
 
 @labelling_jit

@@ -94,14 +94,15 @@ def hidden_place(track: HandTrack, i: int) -> HiddenPlace:
         x -= track.returns.offset[1, i, 0]
         y -= track.returns.offset[1, i, 1]
         z -= track.returns.offset[1, i, 2]
-    return HiddenPlace((x, y, z), _hidden_variance(track.error[0, i], hidden_for),
+    return HiddenPlace((x, y, z), _hidden_variance(track.error[i], hidden_for),
                        (track.expected[i, 0], track.expected[i, 1], track.expected[i, 2]),
-                       track.spread[i], track.error[0, i], hidden_for)
+                       track.spread[i], track.error[i], hidden_for)
 
 
 @labelling_jit
 def _hidden_variance(error: float, hidden_for: float) -> float:
     """Return the variance of a marker's place [m²] after an occlusion of some time [s]."""
+    # By its prediction error also in a sure palm: by that in the palm's frame, no label is better.
     return error ** 2 + HIDDEN_DEVIATION ** 2 * min(hidden_for, LONGEST_HIDDEN)
 
 
@@ -348,7 +349,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
         gone += uneven(points[row, k] - returns.came[i, k], returns.pace[i, k],
                        returns.stretch[i])
     motion = returns.motion[i] + motion_cost(
-        returns.stretch[i], track.error[0, i], gone, min(shift, turned),
+        returns.stretch[i], track.error[i], gone, min(shift, turned),
         returns.pace[i, 0] == returns.pace[i, 0])
     if returns.stretch[i] >= STRETCH:
         returns.motion[i] = MOTION_MEMORY * motion
@@ -359,7 +360,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
             returns.offset[0, i, k] = returns.offset[1, i, k]
         returns.stretch[i] = 0.
     cost = SEEN_COST + RETURN_COST + place_cost(
-        off, _hidden_variance(track.error[0, i], returns.hidden_for[i]), unlike, track.spread[i])
+        off, _hidden_variance(track.error[i], returns.hidden_for[i]), unlike, track.spread[i])
     return (max(cost, returns.cost[i]) + motion + marker_links_cost(
         prototype, track.local, track.hidden_for, i, local[row])
         - persistence_cost(returns.age[i], returns.hidden_for[i]))

@@ -11,6 +11,8 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.point_labelling import cloud_labeller
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.point_labelling.clutter import FIRST_DEVIATION
+from hand_tracker.core.point_labelling.following import DEVIATION_GAIN, LEAST_POINT_DEVIATION
 from hand_tracker.core.point_labelling.hand_track import start_places
 from hand_tracker.core.point_labelling.natural_poses import (
     ANYBODY,
@@ -197,6 +199,52 @@ def test_a_point_that_comes_as_a_marker_of_a_fast_hand_vanishes_does_not_get_its
     points[rows[number]] += (0., 0., .03)
     rows[number] = -1
     np.testing.assert_array_equal(labeller.update(points).rows[0], rows)
+
+
+def sig18_labeller():
+    """Return the layout of 19 markers, eight of them on the palm, and a labeller of such a hand."""
+    layout = preset_layout('sig18_19')
+    return layout, CloudLabeller([
+        model_prototype(Hand.scaled(), layout, tuple(layout.names), SIZED)])
+
+
+def follow(labeller, frames, random):
+    """Label frames in random order, check the labels, and return the track."""
+    for number, frame in enumerate(frames):
+        points, rows = shuffled(frame, random)
+        np.testing.assert_array_equal(labeller.update(points).rows[0], rows, str(number))
+    return labeller._hands[0].track
+
+
+def test_a_palm_marker_that_vanishes_or_returns_leaves_the_errors_in_the_palms_frame():
+    layout, labeller = sig18_labeller()
+    frames, random = thrown_about(layout, 66), np.random.default_rng(1)
+    frames[60:65, layout.names.index('BackHand1')] = np.nan
+    for start, changed in ((0, 60), (61, 65)):
+        before = follow(labeller, frames[start:changed], random).own_error.copy()
+        after = follow(labeller, frames[changed:changed + 1], random).own_error
+        np.testing.assert_array_equal(after, before)
+
+
+def test_the_first_followed_frame_leaves_the_errors():
+    layout, labeller = sig18_labeller()
+    frames, random = thrown_about(layout, 3), np.random.default_rng(1)
+    track = follow(labeller, frames[:2], random)
+    assert (track.error == FIRST_DEVIATION).all() and (track.own_error == FIRST_DEVIATION).all()
+    follow(labeller, frames[2:], random)
+    assert (track.error > FIRST_DEVIATION).any() and (track.own_error < FIRST_DEVIATION).all()
+
+
+def test_the_errors_of_a_hand_that_comes_to_rest_fall_alike():
+    layout, labeller = sig18_labeller()
+    frames, random = thrown_about(layout, 60), np.random.default_rng(1)
+    track = follow(labeller, np.concatenate((frames, frames[[-1] * 30])), random)
+    before = track.error.copy(), track.own_error.copy()
+    follow(labeller, frames[[-1] * 3], random)
+    for error, last in zip((track.error, track.own_error), before):
+        np.testing.assert_allclose(
+            error - LEAST_POINT_DEVIATION,
+            (1. - DEVIATION_GAIN) ** 3 * (last - LEAST_POINT_DEVIATION), atol=1e-12)
 
 
 def swaying(pose, frames):
