@@ -238,11 +238,12 @@ def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[S
     """
     model, options, state = model[0], options[0], state[0]
     if not (seen[0] and seen[1] and seen[2]):
-        if state.palm.seen.all():
+        if state.palm.seen[0] and state.palm.seen[1] and state.palm.seen[2]:
             write_own_motion(state.transdigital.statistics, model.prior.correlation,
                              state.digits.own_motion)
         state.palm.line[:] = 0.
-        if model.rows.has_several[5] and np.isfinite(markers[:3]).all():
+        are_placed = math.isfinite(markers[0, 0] + markers[1, 0] + markers[2, 0])
+        if model.rows.has_several[5] and are_placed:
             write_line(model.rows, state.rows, state.palm.line)
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
                       state.digits, state.wrist, state.palm_shape, options.prediction)
