@@ -48,7 +48,7 @@ LOST_BEND_TIME = .08     # [s] in which that residual becomes the finger's own m
 PALM_SHAPE_TIME = .1     # [s] that the palm's shape is averaged over; tuned on captures
 PRIOR_TURNING = .44      # [rad²/s] of the palm, beside what is learned of it
 OTHER_MOTION = .06       # [1] variance of a digit's marker beside its usual motion, in that of this
-MOST_TURNING = 400.      # [rad²/s²] of a frame's turning about an axis that is learned
+MOST_TURNING = 60.       # [rad²/s²] about an axis, that is learned of a frame: more is a jump
 LEAST_SPREAD = 1e-6      # [m²]
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
@@ -112,8 +112,9 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
                 moved += (pace[i, k] - drift) ** 2
         # Averaged over all axes, a turn moves points by two thirds of their squared distances.
         rate = .5 * moved / max(spread, LEAST_SPREAD)
+        rate = rate if rate < MOST_TURNING else MOST_TURNING    # also where it is NaN
         tracks.turning[0] = (math.exp(-step / options.transdigital_memory) * tracks.turning[0]
-                             + step * min(rate, MOST_TURNING))
+                             + step * rate)
     if count < 3:
         seen_palm = (seen[0], seen[1], seen[2])
         completed = complete_palm(_extrapolated(tracks, 0.), before, seen_palm)
