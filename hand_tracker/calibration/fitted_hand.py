@@ -37,7 +37,9 @@ from ..core.model.marker_layout import (
     PALM_LANDMARKS,
     PAPER_PLACES,
     MarkerLayout,
+    Mounting,
     landmark_on_link,
+    marker_positions,
 )
 from .digit_chain import (
     ASIDE,
@@ -88,15 +90,12 @@ class MarkerMount(NamedTuple):
         Marker from there [m].
     share : float
         Of the flexion of the joint at that end by which the offset turns [1].
-    joint : int
-        Row of `JOINTS` of that flexion; -1 where there is none.
     """
 
     link: int
     end: np.ndarray
     offset: np.ndarray
     share: float
-    joint: int
 
 
 def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
@@ -218,7 +217,7 @@ def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
     -------
     dict of str to MarkerMount
     """
-    mounts = {name: MarkerMount(-1, np.zeros(3), place, 0., -1) for name, place in palm.items()}
+    mounts = {name: MarkerMount(-1, np.zeros(3), place, 0.) for name, place in palm.items()}
     for row, digit in enumerate(digits):
         if digit is None:
             continue
@@ -227,8 +226,7 @@ def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
                 digit.names, digit.chain.links, offsets_of(digit.shape), shares_of(digit.shape)):
             mounts[name] = MarkerMount(
                 LINKS.index(f'{DIGITS[row]}_{_link_names(row)[link]}'),
-                ends[link], offset, float(share),
-                int(FLEXION_JOINTS[row, link + 1]) if link < 2 else -1)
+                ends[link], offset, float(share))
     return mounts
 
 
@@ -284,18 +282,9 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
     ndarray, shape (n, k, 3)
         [m]
     """
-    pose = forward(joint_table(hand.as_right()), angles)
-    points = np.empty((len(angles), len(mounts), 3))
-    for i, mount in enumerate(mounts):
-        if mount.link < 0:
-            points[:, i] = mount.offset
-            continue
-        turn = mount.share * angles[:, mount.joint] if mount.joint >= 0 else np.zeros(len(angles))
-        c, s = np.cos(turn), np.sin(turn)
-        x, y, z = mount.offset
-        local = mount.end + np.stack((c * x + s * z, 0. * c + y, c * z - s * x), axis=1)
-        points[:, i] = pose.position[:, mount.link] + (
-            pose.rotation[:, mount.link] @ local[..., None])[..., 0]
+    link, end, offset, share = map(np.array, zip(*mounts))
+    points = marker_positions(Mounting(link, end + offset, np.zeros(len(mounts)), offset, share),
+                              forward(joint_table(hand.as_right()), angles))
     if hand.side == 'left':
         points = points * LEFT_HAND_MIRROR
     return points @ np.swapaxes(rotation, 1, 2) + position[:, None]

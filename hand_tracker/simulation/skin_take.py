@@ -39,13 +39,13 @@ def skin_mount(hand: Hand, name: str, height: float | None = None) -> MarkerMoun
     if name == 'wrist' or joint == 'mcp' and digit in FINGERS:
         root = np.zeros(3) if name == 'wrist' else hand.finger_mcp[FINGERS.index(digit)]
         above = hand.palm_radius + LED_RADIUS if height is None else height
-        return MarkerMount(-1, np.zeros(3), root + (0., 0., above), 0., -1)
+        return MarkerMount(-1, np.zeros(3), root + (0., 0., above), 0.)
     row = DIGITS.index(digit)
     ends = THUMB_BONE_ENDS if digit == 'thumb' else FINGER_BONE_ENDS
     bone = list(ends).index(joint)
     above = hand.radii[row, bone] + LED_RADIUS if height is None else height
     return MarkerMount(LINKS.index(f'{digit}_{ends[joint]}'), hand.bone_ends()[row, bone],
-                       np.array((0., 0., above)), 0., -1)
+                       np.array((0., 0., above)), 0.)
 
 
 def skin_take(hand: Hand, names: Sequence[str], motions: Sequence[str], seconds: float,

@@ -180,9 +180,9 @@ def marker_on_digit(rows: MarkerRows, state: RowState, row: int, angles: np.ndar
     link = rows.link[row]
     axes = _axes_of_link(workspace, link)
     end = add(vector(workspace.origins[link]), rotate(axes, vector(rows.end[row])))
-    offset, share = vector(rows.offset[row]), rows.share[row]
-    if share != 0. and link < CHAIN_JOINTS - 1:
-        offset = rotate_about_y(offset, share * angles[link + 1])
+    offset, joint = vector(rows.offset[row]), rows.joint[row]
+    if joint >= 0:
+        offset = rotate_about_y(offset, rows.share[row] * angles[joint])
     return add(end, rotate(axes, add(offset, expected_shift(rows, state, row)))), end
 
 
@@ -320,11 +320,13 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
         for j in range(joints):
             v = cross(vector(workspace.axes[j]), subtract(place, vector(workspace.origins[j])))
             by[0, j], by[1, j], by[2, j] = v[0], v[1], v[2]
-        share = rows.share[row]
-        if share != 0. and link < CHAIN_JOINTS - 1:
+        if rows.joint[row] >= 0:
+            joint, share = rows.joint[row], rows.share[row]
+            for j in range(joints, joint):  # the abduction of the thumb's MCP
+                by[0, j], by[1, j], by[2, j] = 0., 0., 0.
             v = cross(vector(workspace.frames[link, 1]), subtract(place, end))
-            by[0, joints], by[1, joints], by[2, joints] = share * v[0], share * v[1], share * v[2]
-            joints += 1
+            by[0, joint], by[1, joint], by[2, joint] = share * v[0], share * v[1], share * v[2]
+            joints = joint + 1
         for i in range(joints):
             gradient[i] += weight * (by[0, i] * miss[0] + by[1, i] * miss[1] + by[2, i] * miss[2])
             for j in range(i + 1):

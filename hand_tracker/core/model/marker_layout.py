@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidLayout
-from .hand import DIGITS, FINGERS, LEFT_HAND_MIRROR, LINKS, Hand
+from .hand import DIGITS, FINGERS, JOINTS, LEFT_HAND_MIRROR, LINKS, Hand
 
 if TYPE_CHECKING:
     from .kinematics import Pose
@@ -50,6 +50,10 @@ LANDMARK_OF_LINK = {
             ('metacarpal', 'mcp'), ('proximal', 'pip'), ('middle', 'dip'), ('distal', 'tip'))},
     'thumb_metacarpal': 'thumb_mcp', 'thumb_proximal': 'thumb_ip', 'thumb_distal': 'thumb_tip'}
 LINK_OF_LANDMARK = {place: link for link, place in LANDMARK_OF_LINK.items()}
+# Joint with whose flexion skin turns at the end of a digit's link: rows of `JOINTS` and `LINKS`.
+SKIN_JOINTS = {LINKS.index(link): JOINTS.index(f'{place}_flexion')
+               for link, place in LANDMARK_OF_LINK.items()
+               if place not in PALM_LANDMARKS and f'{place}_flexion' in JOINTS}
 COUNT_RANGE = 3, 60  # markers of a layout
 OFFSET_RANGE = .06  # [m] greatest offset on each axis
 DEVIATION_RANGE = 0., .01  # [m]
@@ -65,14 +69,20 @@ class Mounting(NamedTuple):
     link : ndarray of int, shape (n,)
         Link that each marker is attached to; -1 is the wrist.
     position : ndarray, shape (n, 3)
-        Marker in that link's frame [m].
+        Marker in that link's frame, the digit straight [m].
     deviation : ndarray, shape (n,)
         Standard deviation of the marker from there, by skin that moves; 0 where unknown [m].
+    offset : ndarray, shape (n, 3)
+        Marker from its landmark, in that link's frame [m].
+    share : ndarray, shape (n,)
+        Share of the flexion of the joint at the landmark by which the offset turns [1].
     """
 
     link: np.ndarray
     position: np.ndarray
     deviation: np.ndarray
+    offset: np.ndarray
+    share: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +208,11 @@ class MarkerLayout:
         """Return the mounting of some rows; knuckles ride on their metacarpals or on the wrist."""
         right = hand.as_right()
         links, landmarks = zip(*(landmark_on_link(right, self.places[row], rides) for row in rows))
-        positions = np.array(landmarks) + self.offsets[list(rows)]
-        if hand.side == 'left':
-            positions = positions * LEFT_HAND_MIRROR
-        return Mounting(np.array(links), positions, self.deviations[list(rows)])
+        chosen = list(rows)
+        mirror = LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)
+        offsets = self.offsets[chosen]
+        return Mounting(np.array(links), (np.array(landmarks) + offsets) * mirror,
+                        self.deviations[chosen], offsets * mirror, self.skin_shares[chosen])
 
 
 def _require_names(names: tuple[str, ...], places: tuple[str, ...]) -> None:
@@ -362,6 +373,23 @@ def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike |
         (pose.rotation, np.broadcast_to(turned[..., None, :, :], shape + (3, 3))), axis=-3)
     position = np.concatenate(
         (pose.position, np.broadcast_to(moved[..., None, :], shape + (3,))), axis=-2)
+    local = mounting.position + _skin_moves(mounting, pose)
     # Link -1, the wrist, is the last row.
     return position[..., mounting.link, :] + np.einsum(
-        '...ij,...j->...i', rotation[..., mounting.link, :, :], mounting.position)
+        '...ij,...j->...i', rotation[..., mounting.link, :, :], local)
+
+
+def _skin_moves(mounting: Mounting, pose: Pose) -> np.ndarray:
+    """Return how far skin moves markers in the frames of their links, shape (..., n, 3) [m]."""
+    moves = np.zeros((*pose.position.shape[:-2], *mounting.offset.shape))
+    for i in np.flatnonzero(mounting.share):
+        joint = SKIN_JOINTS.get(int(mounting.link[i]))
+        if joint is not None:
+            # The joint turns its link about the y axis of the link before it.
+            along, after = pose.rotation[..., joint - 1, :, 0], pose.rotation[..., joint, :, :]
+            turn = mounting.share[i] * np.arctan2(
+                (along * after[..., 2]).sum(axis=-1), (along * after[..., 0]).sum(axis=-1))
+            c, s = np.cos(turn), np.sin(turn)
+            x, _, z = mounting.offset[i]
+            moves[..., i, 0], moves[..., i, 2] = c * x + s * z - x, c * z - s * x - z
+    return moves

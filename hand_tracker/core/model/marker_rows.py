@@ -12,6 +12,7 @@ from .marker_layout import (
     COUNT_RANGE,
     MARKERS,
     PALM_LANDMARKS,
+    SKIN_JOINTS,
     MarkerLayout,
 )
 from .states import SEEN
@@ -41,8 +42,10 @@ class MarkerRows(NamedTuple):
     end, offset : ndarray, shape (65, 3)
         Landmark in the frame of the link, of the palm's in that of the wrist with the palm flat,
         and marker from there [m].
+    joint : ndarray of int, shape (65,)
+        Joint of the digit, 0 to 4, with whose flexion the offset turns; -1 where it does not.
     share : ndarray, shape (65,)
-        Share of the flexion of the joint at the landmark by which the offset turns [1].
+        Share of that flexion by which it turns [1].
     variance : ndarray, shape (65,)
         Of the marker on an axis [m²].
     has_several : ndarray of bool, shape (6,)
@@ -65,6 +68,7 @@ class MarkerRows(NamedTuple):
     link: np.ndarray
     end: np.ndarray
     offset: np.ndarray
+    joint: np.ndarray
     share: np.ndarray
     variance: np.ndarray
     has_several: np.ndarray
@@ -99,7 +103,8 @@ def marker_rows(hand: Hand, layout: MarkerLayout, palm_arch: str) -> MarkerRows:
     rows = MarkerRows(
         np.array((len(order),)), np.full(ROW_CAPACITY, -1),
         np.full(ROW_CAPACITY, ON_WRIST), np.full(ROW_CAPACITY, ON_WRIST),
-        np.zeros((ROW_CAPACITY, 3)), np.zeros((ROW_CAPACITY, 3)), np.zeros(ROW_CAPACITY),
+        np.zeros((ROW_CAPACITY, 3)), np.zeros((ROW_CAPACITY, 3)),
+        np.full(ROW_CAPACITY, -1), np.zeros(ROW_CAPACITY),
         np.full(ROW_CAPACITY, USUAL_DEVIATION ** 2), np.zeros(len(DIGITS) + 1, dtype=bool),
         hand.finger_cmc.copy(), hand.bone_ends(), hand.palm_synergy.copy(),
         np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
@@ -114,6 +119,8 @@ def marker_rows(hand: Hand, layout: MarkerLayout, palm_arch: str) -> MarkerRows:
             rows.link[row] = link % 5
             rows.offset[row] = layout.offsets[at] if at >= 0 else 0.
             rows.share[row] = layout.skin_shares[at] if at >= 0 else 0.
+            if rows.share[row] and link in SKIN_JOINTS:
+                rows.joint[row] = SKIN_JOINTS[link] % 5
             rows.end[row] = position - rows.offset[row]
         else:
             finger = FINGERS.index(name) if place.endswith('_mcp') else ON_WRIST

@@ -11,6 +11,7 @@ BEND_SHARES = np.linspace(-1., 1., 5)
 FINGER_BEND = .9, .8        # [rad]
 THUMB_BEND = .5, .5         # [rad]
 LONGEST_BONE = .07          # [m] from a digit's first joint to its first marker, at most; ours
+STRETCHED_SHARE = .95       # of the frames in which a marker is nearer to the palm; ours
 
 
 def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
@@ -40,7 +41,7 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
     fingers = (digit >= 0) & (digit != thumb)
     along = template[fingers].mean(axis=0) - palm.mean(axis=0) if fingers.any() else None
     for number in sorted(set(digit[digit >= 0])):
-        knuckle, mine = outward_markers(template, digit, number)
+        knuckle, mine = outward_markers(template[None], digit, number)
         # Palm markers may be far behind the knuckles.
         back = template[knuckle] - template[mine[0]]
         gap = np.linalg.norm(template[mine] - template[knuckle], axis=1).min()
@@ -59,21 +60,25 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
     return moments
 
 
-def outward_markers(template: np.ndarray, digit: np.ndarray, number: int) -> tuple[int, np.ndarray]:
+def outward_markers(frames: np.ndarray, digit: np.ndarray, number: int) -> tuple[int, np.ndarray]:
     """Return the palm marker nearest to a digit, and the digit's markers from proximal to distal.
+
+    Their order is that of the most stretched frames, as the tip of a bent finger is near the palm.
 
     Parameters
     ----------
-    template, digit
-        As for `bending`.
+    frames : ndarray, shape (T, M, 3)
+        [m]
+    digit : ndarray of int, shape (M,)
+        Digit that each marker is on; -1 for the palm.
     number : int
         Of the digit.
     """
     palm, mine = np.flatnonzero(digit < 0), np.flatnonzero(digit == number)
-    gaps = np.linalg.norm(template[mine, None] - template[palm], axis=2)
-    knuckle = palm[np.argmin(gaps.min(axis=0))]
-    outwards = np.argsort(np.linalg.norm(template[mine] - template[knuckle], axis=1))
-    return int(knuckle), mine[outwards]
+    gaps = np.linalg.norm(frames[:, mine, None] - frames[:, None, palm], axis=3)    # (T, k, P)
+    nearest = int(np.argmin(gaps.mean(axis=0).min(axis=0)))
+    reach = np.quantile(gaps[:, :, nearest], STRETCHED_SHARE, axis=0)
+    return int(palm[nearest]), mine[np.argsort(reach)]
 
 
 def _bent(chain: np.ndarray, axis: np.ndarray, first: float, other: float) -> np.ndarray:

@@ -205,7 +205,7 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
         template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
         pair_tolerances, precision, constant, marginal, marginal_constant, np.array(sizes),
         float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
-        *_links(template, local, digit, shape, _lacking(shown, bending(template, digit), digit))),
+        *_links(local, digit, shape, _lacking(shown, bending(template, digit), digit))),
         added)
 
 
@@ -216,7 +216,7 @@ def _densities(covariance: np.ndarray) -> tuple[np.ndarray, float, np.ndarray, n
             np.linalg.inv(alone), np.linalg.slogdet(alone)[1])
 
 
-def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: float,
+def _links(local: np.ndarray, digit: np.ndarray, shape: float,
            lacking: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the links of digits with several markers, (L, 2), and their lengths, (L, 2) [m].
 
@@ -225,7 +225,7 @@ def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: fl
     """
     links, palm = [], np.flatnonzero(digit < 0)
     for number in sorted(set(digit[digit >= 0])):
-        chain = outward_markers(template, digit, number)[1].tolist()
+        chain = outward_markers(local, digit, number)[1].tolist()
         if len(chain) < 2:
             continue
         gaps = np.linalg.norm(local[:, palm] - local[:, chain[:1]], axis=2).mean(axis=0)

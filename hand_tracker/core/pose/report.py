@@ -8,7 +8,7 @@ import numpy as np
 from ..filtering.tracks import Tracks, position_deviation
 from ..inverse_kinematics.digit import THUMB, Chains
 from ..inverse_kinematics.skin_shift import expected_shift
-from ..model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
 from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowState
@@ -331,8 +331,9 @@ def _place_of_row(rows: MarkerRows, row: int, shift: Vector, mirror: np.ndarray,
     at = 5 * digit + link if digit >= 0 else 5 * link
     if digit < 0 and link >= 0:
         end = subtract(end, vector(rows.cmc[link]))
-    if digit >= 0 and link < len(FINGERS) and rows.share[row] != 0.:
-        offset = rotate_about_y(offset, rows.share[row] * report.angles[at + 1])
+    if rows.joint[row] >= 0:
+        offset = rotate_about_y(
+            offset, rows.share[row] * report.angles[5 * digit + rows.joint[row]])
     local = add(add(end, offset), shift)
     local = (mirror[0] * local[0], mirror[1] * local[1], mirror[2] * local[2])
     if digit < 0 and link < 0:
