@@ -3,8 +3,9 @@
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
-any size), from the hand model fitted to the joints of the first fifth (`fitted`), or from that of
-mean size alone (`model`: a stream learns the size on the way); judged is the rest.
+any size), from a hand model (`fitted`: to the joints of the first fifth, or to real markers as
+`unseen_markers` says), or from that of mean size alone (`model`: a stream learns the size on the
+way); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -15,6 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.full_layout import full_layout
+from ..calibration.marker_fit import fit_markers
 from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
@@ -31,6 +34,7 @@ from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
 from .rows import Row
 from .tables import SERIES_COLOURS, Picture, Table, figure_with, fixed, save_figure
+from .unseen_markers import Judgement, judgements
 
 LEARNED_SHARE = .2
 SINGLE_FRAMES = 300
@@ -63,7 +67,9 @@ class NamedMarkers(NamedTuple):
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
     fitted : Hand or None
-        To the joints of the first part; None where they are not known, or no hand fits them.
+        To the joints of the first part, or to real markers; None where no hand fits them.
+    layout : MarkerLayout
+        Of the markers on the fitted hand, in their order.
     """
 
     name: str
@@ -74,6 +80,7 @@ class NamedMarkers(NamedTuple):
     rate: float
     sequence: np.ndarray
     fitted: Hand | None = None
+    layout: MarkerLayout = MarkerLayout()
 
     @property
     def split(self) -> int:
@@ -124,7 +131,10 @@ def evaluate(options: Options) -> Iterator[Row]:
     share of visible markers with their own point; `found_after_s_p95` the time after a total loss
     until a frame is right, where the hand is not found within a second that [s].
     """
-    recordings = [*map(_of_take, options.takes)]
+    tasks = judgements(options.takes, options.fit_takes)
+    fits = {take.name: found for task, found in zip(tasks, options.each('hands', _fit, tasks))
+            for take in task.judged}
+    recordings = [_of_take(take, fits[take.name]) for take in options.takes]
     taken = {recording.name for recording in recordings}
     recordings += [_of_capture(one) for one in options.captures if one.name not in taken]
     yield from options.judge_each(
@@ -143,12 +153,25 @@ def _of_capture(capture: Capture) -> NamedMarkers:
                         fitted)
 
 
-def _of_take(take: MarkerTake) -> NamedMarkers:
-    """Return the markers of a take whose names say where they are."""
+def _fit(task: Judgement) -> tuple[Hand, MarkerLayout] | None:
+    """Return the hand that fits the takes, with all their markers; None where none does."""
+    try:
+        fit = fit_markers(task.fitted, 'wide')
+    except HandTrackerError:
+        return None
+    return fit.hand, full_layout(fit)
+
+
+def _of_take(take: MarkerTake, fit: tuple[Hand, MarkerLayout] | None) -> NamedMarkers:
+    """Return the markers of a take whose names say where they are, with the hand by `_fit`."""
     known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
-    return NamedMarkers(take.name, tuple(marker.name for _, marker in known),
-                        tuple(marker.digit for _, marker in known),
-                        take.points[:, [i for i, _ in known]], take.side, take.rate, take.sequence)
+    names = tuple(marker.name for _, marker in known)
+    found = NamedMarkers(take.name, names, tuple(marker.digit for _, marker in known),
+                         take.points[:, [i for i, _ in known]], take.side, take.rate,
+                         take.sequence)
+    if fit is None or not set(names) <= set(fit[1].names):
+        return found
+    return found._replace(fitted=fit[0], layout=fit[1].in_order(names))
 
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
@@ -171,7 +194,7 @@ def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
                 STRANGER_CLOUDS)
         if recording.fitted is not None:
             yield LabellingTrial((recording,), (model_prototype(
-                recording.fitted, MarkerLayout(), MARKERS, FITTED),), 'fitted', CLOUDS)
+                recording.fitted, recording.layout, recording.markers, FITTED),), 'fitted', CLOUDS)
     for right in recordings:
         for left in recordings:
             if (right.side, left.side) == ('right', 'left') and person(right) == person(left):
