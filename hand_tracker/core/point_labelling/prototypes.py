@@ -35,6 +35,7 @@ BENDING_SHARE = .03         # share of natural variance from which a digit count
 LINK_DEVIATION = .003       # [m] of a link's length, besides what frames show; ours
 BENT_DEVIATION = .006       # [m] added for a digit that frames do not show bending; ours
 LONGEST_LINK = .06          # [m] from the palm to a digit's first marker; ours
+STEADY_LINK = 3.            # [1] weight of its standard deviation beside its mean; ours
 SIDE_DEVIATIONS = 4.        # [1] tolerance of a triangle's sides in the search
 
 
@@ -228,9 +229,12 @@ def _links(local: np.ndarray, digit: np.ndarray, shape: float,
         chain = outward_markers(local, digit, number)[1].tolist()
         if len(chain) < 2:
             continue
-        gaps = np.linalg.norm(local[:, palm] - local[:, chain[:1]], axis=2).mean(axis=0)
-        if gaps.min() < LONGEST_LINK:
-            chain.insert(0, int(palm[np.argmin(gaps)]))
+        gaps = np.linalg.norm(local[:, palm] - local[:, chain[:1]], axis=2)
+        mean, deviation = gaps.mean(axis=0), gaps.std(axis=0)
+        # The length of a bone hardly varies, though the next finger's knuckle may be nearer.
+        root = int(np.argmin(mean + STEADY_LINK * deviation))
+        if mean[root] < LONGEST_LINK:
+            chain.insert(0, int(palm[root]))
         links += [*zip(chain, chain[1:])]
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
     gaps = np.linalg.norm(local[:, pairs[:, 0]] - local[:, pairs[:, 1]], axis=2)

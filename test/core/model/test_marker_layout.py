@@ -149,3 +149,23 @@ def test_refusals_name_marker_value_and_what_is_allowed(fields, message):
 def test_palm_markers_come_first():
     assert PALM_MARKERS == ('wrist', 'index_mcp', 'little_mcp')
     assert not set(PALM_MARKERS) & set(DIGIT_LANDMARKS)
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+@pytest.mark.parametrize('place, link, joint', [
+    ('ring_pip', 'ring_proximal', 'ring_pip_flexion'),
+    ('little_dip', 'little_middle', 'little_dip_flexion'),
+    ('thumb_mcp', 'thumb_metacarpal', 'thumb_mcp_flexion'),
+    ('thumb_ip', 'thumb_proximal', 'thumb_ip_flexion')])
+def test_skin_turns_by_its_share_of_the_flexion(hand, side, place, link, joint):
+    worn, share, height = hand.replace(side=side), .4, .01
+    layout = MarkerLayout([*PAPER_PLACES, place], np.vstack((np.zeros((8, 3)), (0., 0., height))),
+                          names=[*MARKERS, 'skin'], skin_shares=[*[0.] * 8, share])
+    angles = np.random.default_rng(2).uniform(*hand.limits.T)
+    pose = forward(joint_table(worn), np.stack((angles, ZERO)))
+    landmark = marker_positions(layout.with_offsets(np.zeros((9, 3))).mounting(worn), pose)[:, 8]
+    found = marker_positions(layout.mounting(worn), pose)[:, 8] - landmark
+    turn = share * angles[JOINTS.index(joint)]
+    axes = pose.rotation[:, LINKS.index(link)]
+    assert found[0] == pytest.approx(axes[0] @ (height * np.sin(turn), 0., height * np.cos(turn)))
+    assert found[1] == pytest.approx(axes[1] @ (0., 0., height))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
@@ -16,7 +16,13 @@ from hand_tracker.core.point_labelling.links import (
     links_cost,
     marker_links_cost,
 )
-from hand_tracker.core.point_labelling.natural_poses import SIZED, model_prototype, natural_poses
+from hand_tracker.core.point_labelling.natural_poses import (
+    FITTED,
+    SIZED,
+    marker_digits,
+    model_prototype,
+    natural_poses,
+)
 from hand_tracker.core.point_labelling.palm_search import (
     blank_finding,
     place_by_palm,
@@ -28,6 +34,7 @@ from hand_tracker.core.point_labelling.posture import (
     posture_distance,
     reset_matrix,
 )
+from hand_tracker.core.point_labelling.prototypes import learn_prototype
 from hand_tracker.core.point_labelling.returns import PalmPoints
 
 LAYOUT = preset_layout('sig18_19')
@@ -48,6 +55,7 @@ def test_links_join_neighbours_of_digits_with_several_markers():
     statistics = PROTOTYPE.statistics
     linked = {tuple(NAMES[i] for i in pair) for pair in statistics.links}
     assert {('RingPIP', 'RingTip'), ('ThumbIP', 'ThumbTip'), ('IndexMCP', 'IndexPIP')} <= linked
+    assert ('RingMCP', 'RingPIP') in linked     # in a fist the middle finger's knuckle is nearer
     assert not any('BackHand' in name for pair in linked for name in pair)
     places = markers_of(5)
     for (one, other), (mean, deviation) in zip(statistics.links, statistics.lengths):
@@ -173,3 +181,30 @@ def test_points_of_the_palm_are_not_exchanged_by_links(pair):
     for _ in range(9):
         _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
     assert track.finding.rows[one] == other
+
+
+def test_links_join_neighbours_where_the_tips_are_mostly_nearer_to_the_palm():
+    hand = Hand.scaled()
+    angles = natural_poses(hand, 100)
+    angles[10:, FLEXION_JOINTS[:4]] = np.radians((80., 115., 70.))
+    places = marker_positions(LAYOUT.mounting(hand), forward(joint_table(hand), angles))
+    bent = learn_prototype(NAMES, places, marker_digits(LAYOUT.mounting(hand).link), 'right')
+    linked = {tuple(NAMES[i] for i in pair) for pair in bent.statistics.links}
+    assert {('MiddlePIP', 'MiddleTip'), ('RingPIP', 'RingTip'), ('PinkyPIP', 'PinkyTip')} <= linked
+    tip, pip, knuckle = (NAMES.index(f'Middle{joint}') for joint in ('Tip', 'PIP', 'MCP'))
+    mean = bent.statistics.template
+    assert np.linalg.norm(mean[tip] - mean[knuckle]) < np.linalg.norm(mean[pip] - mean[knuckle])
+
+
+def test_links_keep_their_length_where_skin_turns_with_the_joint():
+    hand = Hand.scaled()
+    # Behind its joint, and turning with all of its flexion: as if on the next bone.
+    on_next = {name: (.016, 0., .011) for name in NAMES if name.endswith('PIP')}
+    layout = MarkerLayout(
+        LAYOUT.places, [on_next.get(name, at) for name, at in zip(NAMES, LAYOUT.offsets)],
+        names=NAMES, skin_shares=[float(name in on_next) for name in NAMES])
+    statistics = model_prototype(hand, layout, NAMES, FITTED).statistics
+    spread = {tuple(NAMES[i] for i in pair): deviation
+              for pair, (_, deviation) in zip(statistics.links, statistics.lengths)}
+    assert all(spread[f'{digit}PIP', f'{digit}Tip'] < .006
+               for digit in ('Index', 'Middle', 'Ring', 'Pinky'))
