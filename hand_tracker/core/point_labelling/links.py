@@ -1,7 +1,7 @@
 """Cost of a labelling by its links: distances of neighbouring markers on a digit.
 
-Lengths of links hardly change as a digit bends, so they tell touching digits apart, where the joint
-distribution is too wide.
+Lengths of links hardly change as a digit bends, so they tell touching digits apart, and markers
+of a digit where one is hidden, where the joint distribution is too wide.
 """
 
 import math
@@ -26,8 +26,16 @@ def _length_cost(prototype: Prototype, link: int, one: np.ndarray, other: np.nda
 
 
 @labelling_jit
+def _counts(prototype: Prototype, link: int, rows: np.ndarray) -> bool:
+    """Return whether both markers of a link are seen, and the one between them is not."""
+    between = prototype.between[link]
+    return (rows[prototype.links[link, 0]] >= 0 and rows[prototype.links[link, 1]] >= 0
+            and (between < 0 or rows[between] < 0))
+
+
+@labelling_jit
 def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> float:
-    """Return the cost of a labelling by the lengths of its links with both markers seen.
+    """Return the cost of a labelling by the lengths of its links that count.
 
     Parameters
     ----------
@@ -39,16 +47,16 @@ def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> flo
     """
     total = 0.
     for link in range(len(prototype.links)):
-        one, other = rows[prototype.links[link, 0]], rows[prototype.links[link, 1]]
-        if one >= 0 and other >= 0:
-            total += _length_cost(prototype, link, local[one], local[other])
+        if _counts(prototype, link, rows):
+            one, other = prototype.links[link, 0], prototype.links[link, 1]
+            total += _length_cost(prototype, link, local[rows[one]], local[rows[other]])
     return total
 
 
 @labelling_jit
 def marker_links_cost(prototype: Prototype, local: np.ndarray, hidden_for: np.ndarray,
                       marker: int, place: np.ndarray) -> float:
-    """Return the cost of a marker at a place by its links to seen markers.
+    """Return the cost of a marker at a place by its links to seen neighbours.
 
     Parameters
     ----------
@@ -66,7 +74,7 @@ def marker_links_cost(prototype: Prototype, local: np.ndarray, hidden_for: np.nd
         one, other = prototype.links[link, 0], prototype.links[link, 1]
         if other == marker:
             one, other = other, one
-        if one == marker and hidden_for[other] <= 0.:
+        if one == marker and hidden_for[other] <= 0. and prototype.between[link] < 0:
             total += _length_cost(prototype, link, place, local[other])
     return total
 
@@ -82,7 +90,7 @@ def exchange_gain(prototype: Prototype, local: np.ndarray, rows: np.ndarray, i: 
     for turn in range(2):
         for link in range(len(prototype.links)):
             a, b = prototype.links[link, 0], prototype.links[link, 1]
-            if (a == i or a == j or b == i or b == j) and rows[a] >= 0 and rows[b] >= 0:
+            if (a == i or a == j or b == i or b == j) and _counts(prototype, link, rows):
                 cost = _length_cost(prototype, link, local[rows[a]], local[rows[b]])
                 gain += cost if turn == 0 else -cost
         rows[i], rows[j] = rows[j], rows[i]

@@ -70,9 +70,11 @@ class Prototype(NamedTuple):
     typical : float
         Squared Mahalanobis distance, per coordinate, that typical frames do not exceed.
     links : ndarray of int, shape (L, 2)
-        Neighbouring markers of digits that have several.
+        Markers of digits that have several: neighbours, and next but one.
     lengths : ndarray, shape (L, 2)
         Mean distance of each two, and its standard deviation [m].
+    between : ndarray of int, shape (L,)
+        Marker between the two, which count while it is hidden; -1 for neighbours.
     """
 
     template: np.ndarray
@@ -89,6 +91,7 @@ class Prototype(NamedTuple):
     typical: float
     links: np.ndarray
     lengths: np.ndarray
+    between: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,13 +221,13 @@ def _densities(covariance: np.ndarray) -> tuple[np.ndarray, float, np.ndarray, n
 
 
 def _links(local: np.ndarray, digit: np.ndarray, shape: float,
-           lacking: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the links of digits with several markers, (L, 2), and their lengths, (L, 2) [m].
+           lacking: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `links`, `lengths` and `between` of a `Prototype`.
 
     `local`, shape (T, M, 3), are the frames in the palm's frame [m]; `lacking` is by `_lacking`,
     the other parameters are those of `learn_prototype` and `bending`.
     """
-    links, palm = [], np.flatnonzero(digit < 0)
+    links, between, palm = [], [], np.flatnonzero(digit < 0)
     for number in sorted(set(digit[digit >= 0])):
         chain = outward_markers(local, digit, number)[1].tolist()
         if len(chain) < 2:
@@ -235,13 +238,14 @@ def _links(local: np.ndarray, digit: np.ndarray, shape: float,
         root = int(np.argmin(mean + STEADY_LINK * deviation))
         if mean[root] < LONGEST_LINK:
             chain.insert(0, int(palm[root]))
-        links += [*zip(chain, chain[1:])]
+        links += [*zip(chain, chain[1:]), *zip(chain, chain[2:])]
+        between += [-1] * (len(chain) - 1) + chain[1:-1]
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
     gaps = np.linalg.norm(local[:, pairs[:, 0]] - local[:, pairs[:, 1]], axis=2)
     mean = gaps.mean(axis=0)
     return pairs, np.stack((mean, np.sqrt(
         gaps.var(axis=0) + LINK_DEVIATION ** 2 + (shape * mean) ** 2
-        + (BENT_DEVIATION * lacking[pairs[:, 1]]) ** 2)), axis=1)
+        + (BENT_DEVIATION * lacking[pairs[:, 1]]) ** 2)), axis=1), np.array(between, np.int64)
 
 
 def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np.ndarray:

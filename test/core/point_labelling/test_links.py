@@ -196,6 +196,21 @@ def test_links_join_neighbours_where_the_tips_are_mostly_nearer_to_the_palm():
     assert np.linalg.norm(mean[tip] - mean[knuckle]) < np.linalg.norm(mean[pip] - mean[knuckle])
 
 
+def test_markers_next_but_one_tell_which_is_hidden():
+    statistics, places = PROTOTYPE.statistics, markers_of(5)
+    knuckle, middle, tip = (NAMES.index(f'Ring{joint}') for joint in ('MCP', 'PIP', 'Tip'))
+    rows = np.arange(len(NAMES))
+    rows[middle] = -1
+    right = links_cost(statistics, places, rows)
+    rows[tip] = middle
+    assert links_cost(statistics, places, rows) > right + 5.
+    # Among all three the neighbours alone tell it.
+    rows[[middle, tip]] = middle, tip
+    neighbours = statistics._replace(**{name: getattr(statistics, name)[statistics.between < 0]
+                                        for name in ('links', 'lengths', 'between')})
+    assert links_cost(statistics, places, rows) == links_cost(neighbours, places, rows)
+
+
 def test_links_keep_their_length_where_skin_turns_with_the_joint():
     hand = Hand.scaled()
     # Behind its joint, and turning with all of its flexion: as if on the next bone.
