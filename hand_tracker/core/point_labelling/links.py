@@ -1,7 +1,7 @@
-"""Cost of a labelling by its links: distances of neighbouring markers on a digit.
+"""Cost of a labelling by its links: distances of markers on a digit.
 
-Lengths of links hardly change as a digit bends, so they tell touching digits apart, and markers
-of a digit where one is hidden, where the joint distribution is too wide.
+Lengths of links hardly change as a digit bends. They tell touching digits apart, and which marker
+of a digit is hidden, where the joint distribution is too wide.
 """
 
 import math
