@@ -282,7 +282,10 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
     ndarray, shape (n, k, 3)
         [m]
     """
-    link, end, offset, share = map(np.array, zip(*mounts))
+    link = np.array([mount.link for mount in mounts], dtype=int)
+    end, offset = (np.reshape([getattr(mount, name) for mount in mounts], (-1, 3))
+                   for name in ('end', 'offset'))
+    share = np.array([mount.share for mount in mounts])
     points = marker_positions(Mounting(link, end + offset, np.zeros(len(mounts)), offset, share),
                               forward(joint_table(hand.as_right()), angles))
     if hand.side == 'left':

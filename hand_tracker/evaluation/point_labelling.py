@@ -4,7 +4,7 @@ The markers of each frame are shuffled, ghosts are added, and markers are hidden
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
 any size), from a hand model (`fitted`: to the joints of the first fifth, or to real markers as
-`unseen_markers` says), or from that of mean size alone (`model`: a stream learns the size on the
+`evaluate layouts` does), or from that of mean size alone (`model`: a stream learns the size on the
 way); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """

@@ -333,3 +333,8 @@ def test_real_markers_are_met_on_the_skin():
     fit = fit_markers([take])
     misses = marker_misses(fit, gather([take]))
     assert np.mean(list(misses.values())) < .0015
+
+
+def test_no_markers_have_no_places():
+    still = np.eye(3)[None], np.zeros((1, 3))
+    assert place_mounted(Hand.scaled(), [], np.zeros((1, 25)), *still).shape == (1, 0, 3)

@@ -26,7 +26,7 @@ def _length_cost(prototype: Prototype, link: int, one: np.ndarray, other: np.nda
 
 
 @labelling_jit
-def _counts(prototype: Prototype, link: int, rows: np.ndarray) -> bool:
+def _link_counts(prototype: Prototype, link: int, rows: np.ndarray) -> bool:
     """Return whether both markers of a link are seen, and the one between them is not."""
     between = prototype.between[link]
     return (rows[prototype.links[link, 0]] >= 0 and rows[prototype.links[link, 1]] >= 0
@@ -47,7 +47,7 @@ def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> flo
     """
     total = 0.
     for link in range(len(prototype.links)):
-        if _counts(prototype, link, rows):
+        if _link_counts(prototype, link, rows):
             one, other = prototype.links[link, 0], prototype.links[link, 1]
             total += _length_cost(prototype, link, local[rows[one]], local[rows[other]])
     return total
@@ -90,7 +90,7 @@ def exchange_gain(prototype: Prototype, local: np.ndarray, rows: np.ndarray, i: 
     for turn in range(2):
         for link in range(len(prototype.links)):
             a, b = prototype.links[link, 0], prototype.links[link, 1]
-            if (a == i or a == j or b == i or b == j) and _counts(prototype, link, rows):
+            if (a == i or a == j or b == i or b == j) and _link_counts(prototype, link, rows):
                 cost = _length_cost(prototype, link, local[rows[a]], local[rows[b]])
                 gain += cost if turn == 0 else -cost
         rows[i], rows[j] = rows[j], rows[i]
