@@ -65,7 +65,7 @@ class Prototype(NamedTuple):
         Inverse covariance of each marker alone [1/m²].
     marginal_constant : ndarray, shape (M,)
         Logarithms of their determinants.
-    sizes : ndarray, shape (2,)
+    sizes : (float, float)
         Least and greatest size of the palm, relative to the template.
     typical : float
         Squared Mahalanobis distance, per coordinate, that typical frames do not exceed.
@@ -87,7 +87,7 @@ class Prototype(NamedTuple):
     constant: float
     marginal: np.ndarray
     marginal_constant: np.ndarray
-    sizes: np.ndarray
+    sizes: tuple[float, float]
     typical: float
     links: np.ndarray
     lengths: np.ndarray
@@ -207,7 +207,7 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     distances = np.einsum('ni,ij,nj->n', off, precision, off)
     return HandPrototype(tuple(names), side, Prototype(
         template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
-        pair_tolerances, precision, constant, marginal, marginal_constant, np.array(sizes),
+        pair_tolerances, precision, constant, marginal, marginal_constant, sizes,
         float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
         *_links(local, digit, shape, _lacking(shown, bending(template, digit), digit))),
         added)
