@@ -283,8 +283,8 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
         [m]
     """
     link = np.array([mount.link for mount in mounts], dtype=int)
-    end, offset = (np.reshape([getattr(mount, name) for mount in mounts], (-1, 3))
-                   for name in ('end', 'offset'))
+    end = np.reshape([mount.end for mount in mounts], (-1, 3))
+    offset = np.reshape([mount.offset for mount in mounts], (-1, 3))
     share = np.array([mount.share for mount in mounts])
     points = marker_positions(Mounting(link, end + offset, np.zeros(len(mounts)), offset, share),
                               forward(joint_table(hand.as_right()), angles))

@@ -100,8 +100,8 @@ def _parse(arguments: list[str] | None) -> tuple[CommandParser, argparse.Namespa
                         help='captures: npz with positions (T, 21, 3) [m], joints, side, rate_hz, '
                         'or markers, marker_names; BVH, C3D, TRC, TSV, CSV with names')
     parser.add_argument('--fit', nargs='+', type=Path, default=[], metavar='FILE.npz',
-                        help='markers: fit the hand to these, judge the others; default: leave '
-                        'each one out in turn')
+                        help='markers, layouts, labelling: fit the hand to these, judge the '
+                        'others; default: leave each one out in turn')
     parser.add_argument('--layout', metavar='NAME|FILE',
                         help='layouts: the layout whose names the markers of the files have; '
                         'default: a preset with just these names')

@@ -157,9 +157,9 @@ def _fit(task: Judgement) -> tuple[Hand, MarkerLayout] | None:
     """Return the hand that fits the takes, with all their markers; None where none does."""
     try:
         fit = fit_markers(task.fitted, 'wide')
+        return fit.hand, full_layout(fit)
     except HandTrackerError:
         return None
-    return fit.hand, full_layout(fit)
 
 
 def _of_take(take: MarkerTake, fit: tuple[Hand, MarkerLayout] | None) -> NamedMarkers:
@@ -171,7 +171,7 @@ def _of_take(take: MarkerTake, fit: tuple[Hand, MarkerLayout] | None) -> NamedMa
                          take.sequence)
     if fit is None or not set(names) <= set(fit[1].names):
         return found
-    return found._replace(fitted=fit[0], layout=fit[1].in_order(names))
+    return found._replace(fitted=fit[0].replace(side=take.side), layout=fit[1].in_order(names))
 
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:

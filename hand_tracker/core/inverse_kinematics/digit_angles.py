@@ -322,7 +322,7 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
             by[0, j], by[1, j], by[2, j] = v[0], v[1], v[2]
         if rows.joint[row] >= 0:
             joint, share = rows.joint[row], rows.share[row]
-            for j in range(joints, joint):  # the abduction of the thumb's MCP
+            for j in range(joints, joint):  # abduction of the thumb's MCP, which moves no skin
                 by[0, j], by[1, j], by[2, j] = 0., 0., 0.
             v = cross(vector(workspace.frames[link, 1]), subtract(place, end))
             by[0, joint], by[1, joint], by[2, joint] = share * v[0], share * v[1], share * v[2]

@@ -62,14 +62,14 @@ MIN_LEVER = .005    # [m] least height of the palm's triangle, distance of a mar
 
 
 class Mounting(NamedTuple):
-    """Mounting of n markers on one hand: link and position of each.
+    """Mounting of n markers on one hand: link, position and skin of each.
 
     Attributes
     ----------
     link : ndarray of int, shape (n,)
         Link that each marker is attached to; -1 is the wrist.
     position : ndarray, shape (n, 3)
-        Marker in that link's frame, the digit straight [m].
+        Marker in that link's frame, the joint at its landmark at zero [m].
     deviation : ndarray, shape (n,)
         Standard deviation of the marker from there, by skin that moves; 0 where unknown [m].
     offset : ndarray, shape (n, 3)
@@ -206,9 +206,9 @@ class MarkerLayout:
 
     def _mounting(self, hand: Hand, rows: Sequence[int], rides: bool) -> Mounting:
         """Return the mounting of some rows; knuckles ride on their metacarpals or on the wrist."""
-        right = hand.as_right()
-        links, landmarks = zip(*(landmark_on_link(right, self.places[row], rides) for row in rows))
-        chosen = list(rows)
+        right, chosen = hand.as_right(), list(rows)
+        links, landmarks = zip(*(
+            landmark_on_link(right, self.places[row], rides) for row in chosen))
         mirror = LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)
         offsets = self.offsets[chosen]
         return Mounting(np.array(links), (np.array(landmarks) + offsets) * mirror,
@@ -351,7 +351,7 @@ def landmark_on_link(hand: Hand, place: str, rides: bool = False) -> tuple[int, 
 
 def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike | None = None,
                      wrist_position: ArrayLike | None = None) -> np.ndarray:
-    """Return the positions of the markers of a hand in a pose.
+    """Return the positions of the markers of a hand in a pose; skin turns them as it says.
 
     Parameters
     ----------
@@ -373,7 +373,9 @@ def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike |
         (pose.rotation, np.broadcast_to(turned[..., None, :, :], shape + (3, 3))), axis=-3)
     position = np.concatenate(
         (pose.position, np.broadcast_to(moved[..., None, :], shape + (3,))), axis=-2)
-    local = mounting.position + _skin_moves(mounting, pose)
+    local = mounting.position
+    if mounting.share.any():
+        local = local + _skin_moves(mounting, pose)
     # Link -1, the wrist, is the last row.
     return position[..., mounting.link, :] + np.einsum(
         '...ij,...j->...i', rotation[..., mounting.link, :, :], local)

@@ -11,7 +11,7 @@ BEND_SHARES = np.linspace(-1., 1., 5)
 FINGER_BEND = .9, .8        # [rad]
 THUMB_BEND = .5, .5         # [rad]
 LONGEST_BONE = .07          # [m] from a digit's first joint to its first marker, at most; ours
-STRETCHED_SHARE = .95       # of the frames in which a marker is nearer to the palm; ours
+STRETCHED_SHARE = .95       # quantile of a marker's distance that orders a digit's; ours
 
 
 def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
@@ -63,7 +63,8 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
 def outward_markers(frames: np.ndarray, digit: np.ndarray, number: int) -> tuple[int, np.ndarray]:
     """Return the palm marker nearest to a digit, and the digit's markers from proximal to distal.
 
-    Their order is that of the most stretched frames, as the tip of a bent finger is near the palm.
+    They are ordered by the distance from there that `STRETCHED_SHARE` of the frames do not exceed,
+    as the tip of a bent finger is near the palm.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Prototype(NamedTuple):
     lengths : ndarray, shape (L, 2)
         Mean distance of each two, and its standard deviation [m].
     between : ndarray of int, shape (L,)
-        Marker between the two, which count while it is hidden; -1 for neighbours.
+        Marker between the two: the link counts only while it is hidden; -1 for neighbours.
     """
 
     template: np.ndarray
@@ -229,15 +229,16 @@ def _links(local: np.ndarray, digit: np.ndarray, shape: float,
     """
     links, between, palm = [], [], np.flatnonzero(digit < 0)
     for number in sorted(set(digit[digit >= 0])):
-        chain = outward_markers(local, digit, number)[1].tolist()
-        if len(chain) < 2:
+        if (digit == number).sum() < 2:
             continue
+        chain = outward_markers(local, digit, number)[1].tolist()
         gaps = np.linalg.norm(local[:, palm] - local[:, chain[:1]], axis=2)
         mean, deviation = gaps.mean(axis=0), gaps.std(axis=0)
-        # The length of a bone hardly varies, though the next finger's knuckle may be nearer.
-        root = int(np.argmin(mean + STEADY_LINK * deviation))
-        if mean[root] < LONGEST_LINK:
-            chain.insert(0, int(palm[root]))
+        # The next finger's knuckle may be nearer, but the length of a bone hardly varies.
+        near = mean < LONGEST_LINK
+        if near.any():
+            chain.insert(0, int(palm[np.argmin(
+                np.where(near, mean + STEADY_LINK * deviation, np.inf))]))
         links += [*zip(chain, chain[1:]), *zip(chain, chain[2:])]
         between += [-1] * (len(chain) - 1) + chain[1:-1]
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
