@@ -6,7 +6,7 @@ markers but one, and is asked where that one is; or that one is hidden in the se
 second, and it is asked where it is then; or it gets all, and is asked how far each is off.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +36,14 @@ def evaluate(options: Options) -> Iterator[Row]:
 
 def judge(task: Judgement) -> list[Row]:
     """Return the rows of one hand."""
-    fit = fit_markers(task.fitted, 'wide')
-    layout = full_layout(fit)
-    return [row for take in task.judged for row in _rows_of(take, fit.hand, layout)]
+    hand, layout = fit_all_markers(task.fitted)
+    return [row for take in task.judged for row in _rows_of(take, hand, layout)]
+
+
+def fit_all_markers(takes: Sequence[MarkerTake]) -> tuple[Hand, MarkerLayout]:
+    """Return the hand that fits takes best, and the layout of all their markers on it."""
+    fit = fit_markers(takes, 'wide')
+    return fit.hand, full_layout(fit)
 
 
 def _rows_of(take: MarkerTake, hand: Hand, layout: MarkerLayout) -> list[Row]:

@@ -3,9 +3,9 @@
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
-any size), from a hand model (`fitted`: to the joints of the first fifth, or to real markers as
-`evaluate layouts` does), or from that of mean size alone (`model`: a stream learns the size on the
-way); judged is the rest.
+any size), from a hand model (`fitted`: to the joints of the first fifth, or to all real markers,
+split as in `evaluate markers`), or from that of mean size alone (`model`: a stream learns the size
+on the way); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -16,8 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.full_layout import full_layout
-from ..calibration.marker_fit import fit_markers
 from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
@@ -32,6 +30,7 @@ from ..tracking.point_labels import hand_prototype
 from .capture_fit import fit_to_capture
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
+from .layout_markers import fit_all_markers
 from .rows import Row
 from .tables import SERIES_COLOURS, Picture, Table, figure_with, fixed, save_figure
 from .unseen_markers import Judgement, judgements
@@ -66,10 +65,8 @@ class NamedMarkers(NamedTuple):
         [Hz]
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
-    fitted : Hand or None
+    fitted : (Hand, MarkerLayout) or None
         To the joints of the first part, or to real markers; None where no hand fits them.
-    layout : MarkerLayout
-        Of the markers on the fitted hand, in their order.
     """
 
     name: str
@@ -79,8 +76,7 @@ class NamedMarkers(NamedTuple):
     side: str
     rate: float
     sequence: np.ndarray
-    fitted: Hand | None = None
-    layout: MarkerLayout = MarkerLayout()
+    fitted: tuple[Hand, MarkerLayout] | None = None
 
     @property
     def split(self) -> int:
@@ -145,7 +141,7 @@ def evaluate(options: Options) -> Iterator[Row]:
 def _of_capture(capture: Capture) -> NamedMarkers:
     """Return the paper's eight markers of a capture."""
     try:
-        fitted = fit_to_capture(capture, WEARER_LIMITS)
+        fitted = fit_to_capture(capture, WEARER_LIMITS), MarkerLayout()
     except HandTrackerError:
         fitted = None
     return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
@@ -156,8 +152,7 @@ def _of_capture(capture: Capture) -> NamedMarkers:
 def _fit(task: Judgement) -> tuple[Hand, MarkerLayout] | None:
     """Return the hand that fits the takes, with all their markers; None where none does."""
     try:
-        fit = fit_markers(task.fitted, 'wide')
-        return fit.hand, full_layout(fit)
+        return fit_all_markers(task.fitted)
     except HandTrackerError:
         return None
 
@@ -171,7 +166,8 @@ def _of_take(take: MarkerTake, fit: tuple[Hand, MarkerLayout] | None) -> NamedMa
                          take.sequence)
     if fit is None or not set(names) <= set(fit[1].names):
         return found
-    return found._replace(fitted=fit[0].replace(side=take.side), layout=fit[1].in_order(names))
+    hand, layout = fit
+    return found._replace(fitted=(hand.replace(side=take.side), layout.in_order(names)))
 
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
@@ -194,7 +190,7 @@ def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
                 STRANGER_CLOUDS)
         if recording.fitted is not None:
             yield LabellingTrial((recording,), (model_prototype(
-                recording.fitted, recording.layout, recording.markers, FITTED),), 'fitted', CLOUDS)
+                *recording.fitted, recording.markers, FITTED),), 'fitted', CLOUDS)
     for right in recordings:
         for left in recordings:
             if (right.side, left.side) == ('right', 'left') and person(right) == person(left):
