@@ -49,7 +49,8 @@ class MarkerRows(NamedTuple):
     variance : ndarray, shape (65,)
         Of the marker on an axis [m²].
     has_several : ndarray of bool, shape (6,)
-        Whether a digit has another marker than its principal one; the last is of the palm.
+        Whether a digit has another marker than its principal one, or this one's offset turns,
+        which no closed form knows; the last is of the palm.
     cmc : ndarray, shape (4, 3)
         CMC joints of the fingers in the wrist's frame [m].
     bone_ends : ndarray, shape (5, 3, 3)
@@ -59,7 +60,7 @@ class MarkerRows(NamedTuple):
     is_cupping : ndarray of bool, shape (1,)
         Whether the palm's arch is solved or follows its synergy.
     is_needed : ndarray of bool, shape (1,)
-        Whether the layout is another than the paper's eight, or the palm may cup.
+        Whether the layout is another than the paper's eight, the palm may cup or an offset turns.
     """
 
     used: np.ndarray
@@ -132,10 +133,11 @@ def marker_rows(hand: Hand, layout: MarkerLayout, palm_arch: str) -> MarkerRows:
         if at >= 0:
             known = layout.deviations[at] or USUAL_DEVIATION
             rows.variance[row] = max(known, LEAST_DEVIATION) ** 2
-        if row >= PRINCIPALS:
+        if row >= PRINCIPALS or rows.joint[row] >= 0:
             rows.has_several[rows.digit[row]] = True
     rows.is_cupping[0] = shows_arch(layout, palm_arch)
-    rows.is_needed[0] = layout.names != MARKERS or rows.is_cupping[0]
+    rows.is_needed[0] = (layout.names != MARKERS or rows.is_cupping[0]
+                         or rows.has_several.any())
     return rows
 
 
