@@ -22,7 +22,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.repository import PICTURE_FOLDER
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.model.layout_presets import (
+    LAYOUT_PRESETS,
+    SKIN_LAYOUT,
+    SKIN_LAYOUTS,
+    preset_layout,
+)
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.skeleton import (
     DIGIT_CHAINS,
@@ -484,7 +489,8 @@ def layouts():
     hand = Hand.scaled()
     rest = forward(joint_table(hand), hand.relaxed() * .3)
     points = skeleton_points(tip_offsets(hand), rest, np.zeros(3))
-    for name in LAYOUT_PRESETS:
+    # `SKIN_LAYOUT` looks like the paper's eight from above.
+    for name in (*LAYOUT_PRESETS, *set(SKIN_LAYOUTS) - {SKIN_LAYOUT}):
         layout = preset_layout(name)
         markers = marker_positions(layout.mounting(hand), rest)
         figure = blank_figure(*LAYOUT_SIZE, facecolor='white')

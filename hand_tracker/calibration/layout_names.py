@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..core.errors import InvalidLayout
-from ..core.model.layout_presets import LAYOUT_PRESETS
+from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout, skin_preset
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
 from .marker_names import UsualPlace, canonical_name, identify
 
@@ -19,14 +19,15 @@ def layout_named(names: Iterable[str], given: MarkerLayout | None = None) -> Mar
     ----------
     names : iterable of str
     given : MarkerLayout, optional
-        Any of the presets when left out.
+        Any of the presets when left out, with its markers where people wear them.
 
     Returns
     -------
     MarkerLayout or None
     """
     wanted = [str(name) for name in names]
-    for layout in (make() for make in LAYOUT_PRESETS.values()) if given is None else (given,):
+    presets = (preset_layout(skin_preset(make()) or name) for name, make in LAYOUT_PRESETS.items())
+    for layout in presets if given is None else (given,):
         if set(layout.names) == set(wanted):
             order = [layout.names.index(name) for name in wanted]
             return MarkerLayout([layout.places[row] for row in order], layout.offsets[order],

@@ -11,6 +11,7 @@ from itertools import combinations
 from typing import Any, Protocol
 
 from ..core.model.hand import Hand
+from ..core.model.layout_presets import skin_preset
 from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage
@@ -39,11 +40,14 @@ FEW_SHARE = .5       # of the frames, below which the end says in how few the pa
 MUCH_LEFT_OUT = .1   # of the frames, above which the end says so, and why
 DOES_NOT_FIT = ('it does not fit the markers; one that is fitted to them does (hand_tracker '
                 'calibrate, then --hand)')
-WITHOUT_HAND_FILE = (
+AT_THE_JOINTS = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
     'degrees off until a hand is fitted (hand_tracker calibrate); --layout paper8_skin takes them '
     'for on the back of a usual hand')
 PALM_SEEN = (PalmState.TRACKED, PalmState.CARRIED)
+WORN_ELSEWHERE = (
+    'no hand file: --layout {} has these markers where people wear them, not at the joints; a hand '
+    'that is fitted to yours is nearer (hand_tracker calibrate)')
 # Returns what shows the progress of a number of pieces of a name.
 ProgressMaker = Callable[[int, str], 'ProgressDisplay']
 
@@ -116,10 +120,14 @@ class TrackingJob:
         return self._residuals / max(self._judged, 1)
 
     @property
-    def needs_hand_file(self) -> bool:
-        """Whether the markers count as at the joints, though they are on the skin."""
-        is_landmarks = isinstance(self._bag, PointBag) and self._bag.is_landmarks
-        return not self.layout.offsets.any() and not is_landmarks
+    def without_hand_file(self) -> str:
+        """What to say without a hand file, of markers that people wear elsewhere; else empty."""
+        if isinstance(self._bag, PointBag) and self._bag.is_landmarks:
+            return ''
+        if not self.layout.offsets.any():
+            return AT_THE_JOINTS
+        skin = skin_preset(self.layout)
+        return skin and WORN_ELSEWHERE.format(skin)
 
     def say(self, note: str) -> None:
         """Print a note on the recording."""
@@ -281,6 +289,6 @@ def tracking_job(options: argparse.Namespace, interrupted: Interruptions,
                           options.auto_size and options.hand is None)
         for note in (*bag.notes, *hand_notes(options, worn)):
             job.say(note)
-        if options.hand is None and job.needs_hand_file:
-            job.say(WITHOUT_HAND_FILE)
+        if options.hand is None and job.without_hand_file:
+            job.say(job.without_hand_file)
         yield job

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..core.model.hand import OTHER_SIDE, Hand
-from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, LAYOUT_PRESETS, preset_layout
+from ..core.model.layout_presets import (
+    JOINT_CENTRE_PRESETS,
+    LAYOUT_PRESETS,
+    preset_layout,
+    skin_preset,
+)
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.point_labelling.natural_poses import ANYBODY, model_prototype, tolerances_of
@@ -238,8 +243,10 @@ class PointLabelReader:
         # Any of the points may be of no hand: the markers are these, or fewer.
         others = _worn_presets(names, count)
         known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
+        skin = skin_preset(self._layout)
+        worn = f'; the layout {skin} has its markers where people wear them' if skin else ''
         return (f'the {self._side} hand is not found among {count} points: spread your fingers '
-                f'for a moment; else the layout, of {len(names)} markers, does not fit '
+                f'for a moment{worn}; else the layout, of {len(names)} markers, does not fit '
                 f'them{known}; or check the side and {self._settings.scale}')
 
     def forget_search(self) -> None:

@@ -203,6 +203,22 @@ def test_why_no_hand_is_found_is_known_until_one_is_and_the_other_side_told_late
     assert reader.why_not_found == ''
 
 
+@pytest.mark.parametrize('name, is_named', [
+    ('sig18_19', True), ('sig18_19_skin', False), ('kyutech23', False)])
+def test_a_hand_that_is_not_found_may_wear_its_markers_elsewhere(name, is_named):
+    layout = preset_layout(name)
+    places = np.random.default_rng(1).uniform(size=(len(layout.names), 3))
+    points = SimpleNamespace(read=lambda tenth: PointFrame(
+        Stamp(tenth // 10, 10**8 * (tenth % 10)), 'mocap', places, np.arange(len(places)), ()))
+    reader = PointLabelReader(Hand.scaled(), layout, points, PointLabels())
+    reader._labels._labeller = SimpleNamespace(update=lambda *_: CloudLabels(
+        (np.full(len(places), -1),), (np.full(places.shape, np.nan),), (False,), (False,)))
+    for tenth in range(10, 40):
+        reader.read(tenth)
+    (_, line), = reader.pop_log_lines()
+    assert ('the layout sig18_19_skin has its markers where people wear them' in line) == is_named
+
+
 def test_the_markers_of_any_layout_are_read():
     layout = preset_layout('sig18_19')
     cloud = np.random.default_rng(2).uniform(size=(30, 3))

@@ -869,6 +869,22 @@ def test_what_a_file_lacks_is_named_without_topics_and_ids(tmp_path, capsys):
     assert 'no hand file: markers count as at the joints' in said.err
 
 
+@pytest.mark.parametrize('layout, said', [
+    ('sig18_19', 'no hand file: --layout sig18_19_skin has these markers where people wear them'),
+    ('sig18_19_skin', '')])
+def test_where_people_wear_the_markers_of_a_preset_is_told_without_a_hand_file(
+        tmp_path, capsys, layout, said):
+    hand, worn = Hand.scaled(), preset_layout(layout)
+    angles_of_frames, *wrist = demo_motion(hand).sample(np.arange(60) / 30.)
+    points = markers_of(hand, angles_of_frames, worn, *wrist).astype(np.float32)
+    path = tmp_path / 'take.npz'
+    write_recording(path, hand_recording(60)._replace(labels=worn.names, points=points))
+    assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv'), '--layout', layout,
+                 '--side', 'right']) == 0
+    found = capsys.readouterr().err
+    assert said in found and ('no hand file' in found) == bool(said)
+
+
 def test_a_palm_of_another_size_is_said_once_though_markers_come_and_go(tmp_path, capsys):
     recording, path = hand_recording(600), tmp_path / 'take.npz'
     recording.points[150:300, 1] = np.nan

@@ -79,6 +79,35 @@ def _sig18_19() -> MarkerLayout:
         ('BackHand3', 'wrist', (8., 11., 11.))])
 
 
+def _dfki13_skin() -> MarkerLayout:
+    """Return DFKI's glove as on a hand of its recordings: its plate, and proximal phalanges."""
+    return _layout([
+        ('hand_top', 'middle_mcp', (-30., -17., 15.)), ('hand_left', 'wrist', (3., 7., 11.)),
+        ('hand_right', 'wrist', (8., -25., 14.)),
+        *((f'{digit}_{name}', LANDMARKS_OF_DIGIT[digit][landmark], offset)
+          for digit in ('thumb', 'little', 'ring', 'middle', 'index')
+          for name, landmark, offset in (
+              ('tip', 2, (0., 0., 11.)),
+              ('middle', 1 if digit == 'thumb' else 0, (-8., 0., 13.))))])
+
+
+def _sig18_19_skin() -> MarkerLayout:
+    """Return the 19 of Han et al. as their first user has them, the mean of both hands.
+
+    A finger's 'MCP' and 'PIP' are then in the middle of the phalanges beyond these joints.
+    """
+    fingers = [(f'{NAMED_DIGITS[finger]}{name}', f'{finger}_{landmark}', offset)
+               for finger in FINGERS
+               for name, landmark, offset in (('MCP', 'pip', (-10., 1., 10.)),
+                                              ('PIP', 'dip', (-10., 0., 12.)),
+                                              ('Tip', 'tip', (-1., 0., 11.)))]
+    return _layout([
+        ('ThumbCMC', 'thumb_cmc', (20., 26., -1.)), ('ThumbMCP', 'thumb_mcp', (15., 2., 14.)),
+        ('ThumbIP', 'thumb_ip', (8., -2., 10.)), ('ThumbTip', 'thumb_tip', (2., -1., 9.)),
+        *fingers, ('BackHand1', 'wrist', (58., -17., 19.)),
+        ('BackHand2', 'wrist', (23., -18., 19.)), ('BackHand3', 'wrist', (42., 17., 18.))])
+
+
 def _kyutech23() -> MarkerLayout:
     """Return the 23 of Kyushu Institute of Technology: each joint and tip, four at the wrist."""
     fingers = [(f'{finger}_{joint}', ON_NAIL if joint == 'tip' else ON_JOINT)
@@ -154,9 +183,15 @@ LAYOUT_PRESETS: dict[str, Callable[[], MarkerLayout]] = {
     'webxr25': _webxr25,
     'openxr26': _openxr26,
 }
-# Beside them, as its markers are those of another preset, by which they are recognised.
+# Beside them, as their markers are those of other presets, by which they are recognised: where
+# people wear them, for who has not calibrated yet.
 SKIN_LAYOUT = 'paper8_skin'
-LAYOUT_NAMES = (*LAYOUT_PRESETS, SKIN_LAYOUT)
+SKIN_LAYOUTS: dict[str, Callable[[], MarkerLayout]] = {
+    SKIN_LAYOUT: _paper8_skin,
+    'dfki13_skin': _dfki13_skin,
+    'sig18_19_skin': _sig18_19_skin,
+}
+LAYOUT_NAMES = (*LAYOUT_PRESETS, *SKIN_LAYOUTS)
 JOINT_CENTRE_PRESETS = 'mediapipe21', 'webxr25', 'openxr26'  # of skeletons: nobody wears them
 
 
@@ -177,8 +212,16 @@ def preset_layout(name: str) -> MarkerLayout:
     InvalidLayout
         If there is no such preset.
     """
-    if name == SKIN_LAYOUT:
-        return _paper8_skin()
-    if name not in LAYOUT_PRESETS:
+    if name not in LAYOUT_NAMES:
         raise InvalidLayout(f"layout: no preset '{name}'; there are {', '.join(LAYOUT_NAMES)}")
-    return LAYOUT_PRESETS[name]()
+    return {**LAYOUT_PRESETS, **SKIN_LAYOUTS}[name]()
+
+
+def skin_preset(layout: MarkerLayout) -> str:
+    """Return the preset with a preset's markers where people wear them, else empty."""
+    for name in SKIN_LAYOUTS:
+        plain = preset_layout(name.removesuffix('_skin'))
+        if (layout.names, layout.places) == (plain.names, plain.places) and np.array_equal(
+                layout.offsets, plain.offsets):
+            return name
+    return ''

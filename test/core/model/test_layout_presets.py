@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
+from helpers.hands import markers_of
 
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.model.hand import FINGERS, JOINTS, LINKS, RESTING_JOINTS, Hand
-from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.model.layout_presets import (
+    LAYOUT_PRESETS,
+    SKIN_LAYOUTS,
+    preset_layout,
+    skin_preset,
+)
 from hand_tracker.core.model.marker_layout import (
     ALL_LANDMARKS,
     MARKERS,
@@ -19,6 +25,7 @@ from hand_tracker.core.model.observability import unobserved_joints
 COUNTS = {'paper8': 8, 'tips5_palm3': 8, 'vicon_production5': 9, 'dfki13': 13,
           'optitrack_hand': 14, 'sig18_19': 19, 'kyutech23': 23, 'mediapipe21': 21,
           'webxr25': 25, 'openxr26': 26}
+RESTING_ANGLES = np.zeros(len(JOINTS))
 PALM = [('r', 'wrist'), ('p', 'index_mcp'), ('q', 'little_mcp')]
 
 
@@ -36,6 +43,22 @@ def test_presets_have_their_markers_and_can_be_solved(name):
         require_solvable(found.principal_mounting(hand.replace(side='right')))
         assert len(found.mounting(hand).link) == COUNTS[name]
     assert sorted((*found.principal, *found.further)) == list(range(COUNTS[name]))
+
+
+@pytest.mark.parametrize('name', SKIN_LAYOUTS)
+def test_markers_where_people_wear_them_have_the_names_of_their_preset(name):
+    plain, worn = preset_layout(name.removesuffix('_skin')), preset_layout(name)
+    assert worn.names == plain.names
+    require_solvable(worn.principal_mounting(Hand.scaled()))
+    assert skin_preset(plain) == name
+    assert skin_preset(worn) == skin_preset(preset_layout('kyutech23')) == ''
+
+
+def test_the_plate_of_a_glove_is_as_large_as_the_one_of_its_recordings():
+    top, left, right = markers_of(Hand.scaled(), RESTING_ANGLES, preset_layout('dfki13_skin'))[:3]
+    # Medians of the distances in `dfki__pillow`.
+    assert [np.linalg.norm(a - b) for a, b in ((top, left), (left, right), (top, right))] == (
+        pytest.approx([.0552, .0324, .0448], abs=5e-4))
 
 
 def test_no_such_preset():
