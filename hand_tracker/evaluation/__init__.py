@@ -69,7 +69,7 @@ EVALUATIONS = {
     'labelling': Evaluation(
         'point_labelling', 'Points without names',
         'labels of points without names, with ghosts and hidden markers',
-        judges=('captures', 'takes')),
+        judges=('captures', 'takes', 'layouts')),
     'landmarks': Evaluation(
         'landmark_steadiness', 'Landmarks of cameras',
         'breathing of bones and jitter of 21 landmarks, as given and tracked',

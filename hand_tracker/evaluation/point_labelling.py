@@ -4,22 +4,24 @@ The markers of each frame are shuffled, ghosts are added, and markers are hidden
 statistics of the hand are learned from the first fifth of the recording (`own`), from all other
 recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
 any size), from a hand model (`fitted`: to the joints of the first fifth, or to all real markers,
-split as in `evaluate markers`), or from that of mean size alone (`model`: a stream learns the size
-on the way); judged is the rest.
+split as in `evaluate markers`), or from that of mean size alone, with the markers of a preset
+(`model`: a stream learns the size on the way); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.marker_names import identify
+from ..calibration.marker_names import canonical_name, identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
+from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout, skin_preset
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.numerics.sampling import evenly_spaced
 from ..core.point_labelling.cloud_labeller import CloudLabeller
@@ -67,6 +69,8 @@ class NamedMarkers(NamedTuple):
         Changes where the recording was cut.
     fitted : (Hand, MarkerLayout) or None
         To the joints of the first part, or to real markers; None where no hand fits them.
+    layout : MarkerLayout or None
+        Of these markers in their order, as a preset has them; None where there is none.
     """
 
     name: str
@@ -77,6 +81,7 @@ class NamedMarkers(NamedTuple):
     rate: float
     sequence: np.ndarray
     fitted: tuple[Hand, MarkerLayout] | None = None
+    layout: MarkerLayout | None = None
 
     @property
     def split(self) -> int:
@@ -127,10 +132,13 @@ def evaluate(options: Options) -> Iterator[Row]:
     share of visible markers with their own point; `found_after_s_p95` the time after a total loss
     until a frame is right, where the hand is not found within a second that [s].
     """
-    tasks = judgements(options.takes, options.fit_takes)
+    by_layout = {take.name: take for take in options.layout_takes}
+    placed = [by_layout.get(take.name, take) for take in options.takes]
+    tasks = judgements(placed, options.fit_layout_takes)
     fits = {take.name: found for task, found in zip(tasks, options.each('hands', _fit, tasks))
             for take in task.judged}
-    recordings = [_of_take(take, fits[take.name]) for take in options.takes]
+    recordings = [_of_take(take, same, fits[take.name])
+                  for take, same in zip(options.takes, placed)]
     taken = {recording.name for recording in recordings}
     recordings += [_of_capture(one) for one in options.captures if one.name not in taken]
     yield from options.judge_each(
@@ -146,7 +154,7 @@ def _of_capture(capture: Capture) -> NamedMarkers:
         fitted = None
     return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
                         capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int),
-                        fitted)
+                        fitted, MarkerLayout())
 
 
 def _fit(task: Judgement) -> tuple[Hand, MarkerLayout] | None:
@@ -157,17 +165,41 @@ def _fit(task: Judgement) -> tuple[Hand, MarkerLayout] | None:
         return None
 
 
-def _of_take(take: MarkerTake, fit: tuple[Hand, MarkerLayout] | None) -> NamedMarkers:
-    """Return the markers of a take whose names say where they are, with the hand by `_fit`."""
-    known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
-    names = tuple(marker.name for _, marker in known)
+def _of_take(take: MarkerTake, placed: MarkerTake,
+             fit: tuple[Hand, MarkerLayout] | None) -> NamedMarkers:
+    """Return the markers of a take whose names say where they are, with the hand by `_fit`.
+
+    Parameters
+    ----------
+    take, placed : MarkerTake
+        By its own names, and by those of a layout, which are taken where they say it of more.
+    fit : (Hand, MarkerLayout) or None
+        With the names of `placed`.
+    """
+    known = max(([(i, marker) for i, marker in enumerate(identify(names)) if marker]
+                 for names in (take.names, placed.names)), key=len)
+    columns, names = [i for i, _ in known], tuple(marker.name for _, marker in known)
     found = NamedMarkers(take.name, names, tuple(marker.digit for _, marker in known),
-                         take.points[:, [i for i, _ in known]], take.side, take.rate,
-                         take.sequence)
-    if fit is None or not set(names) <= set(fit[1].names):
+                         take.points[:, columns], take.side, take.rate, take.sequence,
+                         layout=_worn_layout([take.names[i] for i in columns], names))
+    of_fit = [placed.names[i] for i in columns]
+    if fit is None or not set(of_fit) <= set(fit[1].names):
         return found
     hand, layout = fit
-    return found._replace(fitted=(hand.replace(side=take.side), layout.in_order(names)))
+    return found._replace(fitted=(hand.replace(side=take.side),
+                                  replace(layout.in_order(of_fit), names=names)))
+
+
+def _worn_layout(labels: Sequence[str], names: tuple[str, ...]) -> MarkerLayout | None:
+    """Return the first preset's markers that have these labels, with other names."""
+    wanted = [canonical_name(label) for label in labels]
+    for preset, make in LAYOUT_PRESETS.items():
+        layout = preset_layout(skin_preset(make()) or preset)
+        own = [canonical_name(name) for name in layout.names]
+        if set(wanted) <= set(own):
+            found = layout.in_order([layout.names[own.index(name)] for name in wanted])
+            return replace(found, names=names)
+    return None
 
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
@@ -184,10 +216,10 @@ def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
         if others:
             yield LabellingTrial((recording,), (prototype_of_others(others, recording.side),),
                                  'others', STRANGER_CLOUDS)
-        if recording.markers == MARKERS:
+        if recording.layout is not None:
             yield LabellingTrial((recording,), (model_prototype(
-                Hand.scaled(side=recording.side), MarkerLayout(), MARKERS),), 'model',
-                STRANGER_CLOUDS)
+                Hand.scaled(side=recording.side), recording.layout, recording.markers),),
+                'model', STRANGER_CLOUDS)
         if recording.fitted is not None:
             yield LabellingTrial((recording,), (model_prototype(
                 *recording.fitted, recording.markers, FITTED),), 'fitted', CLOUDS)
@@ -357,13 +389,14 @@ def judge(trial: LabellingTrial, seed: int) -> list[Row]:
 def _stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
                    rate: float) -> np.ndarray:
     """Return the labels of consecutive frames, (frames, hands, M)."""
-    labeller, layout = CloudLabeller(trial.prototypes), MarkerLayout()
-    size = AutoSize(Hand.scaled(side=trial.recordings[0].side), layout)
+    labeller, layout = CloudLabeller(trial.prototypes), trial.recordings[0].layout
+    size = (AutoSize(Hand.scaled(side=trial.recordings[0].side), layout)
+            if trial.learned == 'model' and layout is not None else None)
     rows = []
     for i in frames:
         labels = labeller.update(made.points[i], i / rate)
         rows.append(labels.rows)
-        if trial.learned == 'model' and size.is_learning:
+        if size is not None and layout is not None and size.is_learning:
             hand = size.add(labels.places[0], i / rate, made.points[i])
             if hand is not None and size.is_confirmed:
                 labeller.replace_prototype(0, hand_prototype(hand, layout))

@@ -1,15 +1,22 @@
 """Evaluation of the labelling of points without names, on simulated hands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.hands import markers_of
 
+from hand_tracker.calibration.layout_names import names_in_layout
+from hand_tracker.calibration.marker_names import canonical_name
+from hand_tracker.calibration.takes import MarkerTake
 from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.point_labelling.natural_poses import natural_poses
 from hand_tracker.evaluation.point_labelling import (
     LabellingTrial,
     NamedMarkers,
+    _of_take,
     judge,
     prototype_of_others,
     trials,
@@ -54,6 +61,26 @@ def test_recordings_of_both_sides_teach_either():
         size = np.linalg.norm(index - little)
         shapes.append((thumb / size ** 3, np.linalg.norm(learned[7] - wrist) / size))
     np.testing.assert_allclose(shapes[1:], shapes[:2], rtol=.01)
+
+
+@pytest.mark.parametrize('preset, markers, mcp', [
+    ('dfki13', 13, 'index_pip'),        # their own names say of eight where they are
+    ('sig18_19', 19, 'index_mcp')])
+def test_takes_are_fitted_by_the_layout_in_which_their_markers_are_worn(preset, markers, mcp):
+    layout, hand = preset_layout(f'{preset}_skin'), Hand.scaled()
+    points = markers_of(hand, .4 * natural_poses(hand, 200), layout)
+    labels = tuple(canonical_name(name) for name in layout.names)
+    take = MarkerTake('one', labels, points, 'right', 100., np.zeros(len(points), dtype=int))
+    placed = take._replace(names=names_in_layout(layout)[0])
+    fit = hand, replace(layout, names=placed.names)
+    found = _of_take(take, placed, fit)
+    assert len(found.markers) == len(set(found.markers)) == markers and mcp in found.markers
+    by_preset, by_fit = found.layout, found.fitted[1]
+    assert by_preset.names == by_fit.names == found.markers
+    assert by_preset.places == by_fit.places == layout.places
+    np.testing.assert_array_equal(by_preset.offsets, layout.offsets)
+    assert {trial.learned for trial in trials([found])} == {'own', 'model', 'fitted'}
+    assert _of_take(take, placed, None).fitted is None
 
 
 def test_a_hand_of_another_size_is_labelled_by_the_statistics_of_others():
