@@ -37,9 +37,15 @@ def layout_named(names: Iterable[str], given: MarkerLayout | None = None) -> Mar
 
 def layout_hint(names: Iterable[str]) -> str:
     """Return the end of a message, with the preset whose markers have these names; else empty."""
-    wanted = {str(name) for name in names}
-    return next((f'; its names are those of --layout {preset}'
-                 for preset, make in LAYOUT_PRESETS.items() if set(make().names) == wanted), '')
+    preset = worn_preset(names)
+    return f'; its names are those of --layout {preset}' if preset else ''
+
+
+def worn_preset(names: Iterable[str]) -> str:
+    """Return the preset whose markers have these names, as people wear them; else empty."""
+    wanted = {canonical_name(str(name)) for name in names}
+    return next((skin_preset(make()) or preset for preset, make in LAYOUT_PRESETS.items()
+                 if {canonical_name(name) for name in make().names} == wanted), '')
 
 
 def names_in_layout(layout: MarkerLayout) -> tuple[tuple[str, ...], dict[str, UsualPlace]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration.calibrate_takes import calibrate_takes
-from ..calibration.layout_names import names_in_layout
+from ..calibration.layout_names import names_in_layout, worn_preset
 from ..calibration.ruler import USUAL_MARKER_HEIGHT, Ruler
 from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
@@ -146,5 +146,10 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
         for note in take.notes:
             print(note, file=sys.stderr)
         takes.append(take._replace(points=scale * take.points))
+    if layout is None and len(takes[0].names) > len(MARKERS) and (
+            preset := worn_preset(takes[0].names)):
+        print(f'note: these {len(takes[0].names)} markers are those of --layout {preset}: with it '
+              f'the hand file has the places of all, and not of {len(MARKERS)} alone',
+              file=sys.stderr)
     return calibrate_takes(takes, options.output, options.limits, options.picture, layout, ruler,
                            partial(prepare_kernels, partial(print, file=sys.stderr)))

@@ -17,6 +17,7 @@ from hand_tracker.cli import calibrate_recordings
 from hand_tracker.cli.calibrate import main
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 from hand_tracker.files.hand_file import load_hand
@@ -207,6 +208,17 @@ def test_names_of_a_preset_are_told_with_its_name(tmp_path, capsys):
         said = capsys.readouterr().err
         assert '--markers' in said and ('its names are those of' in said) is bool(layout)
         assert layout in said
+
+
+@pytest.mark.parametrize('layout', [[], ['--layout', 'sig18_19']])
+def test_the_layout_of_a_take_of_more_than_eight_markers_is_told(tmp_path, capsys, layout):
+    take = simulated_take(HAND, EVERY_JOINT, seconds=6.)[0]
+    names = preset_layout('sig18_19').names
+    take = take._replace(names=names, points=np.repeat(take.points[:, :1], len(names), axis=1))
+    path = written(tmp_path / 'take.npz', take)
+    assert main([str(path), '-o', str(tmp_path / 'hand.yaml'), *layout]) == 1
+    assert ('these 19 markers are those of --layout sig18_19_skin' in capsys.readouterr().err
+            ) is not bool(layout)
 
 
 def test_joints_that_a_camera_estimates_are_no_markers_on_the_skin(tmp_path, capsys):
