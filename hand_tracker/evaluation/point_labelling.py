@@ -19,7 +19,7 @@ import numpy as np
 
 from ..calibration.marker_names import canonical_name, identify
 from ..calibration.takes import MarkerTake
-from ..core.errors import HandTrackerError
+from ..core.errors import HandTrackerError, InvalidLayout
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
 from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout, skin_preset
 from ..core.model.marker_layout import MARKERS, MarkerLayout
@@ -141,6 +141,10 @@ def evaluate(options: Options) -> Iterator[Row]:
                   for take, same in zip(options.takes, placed)]
     taken = {recording.name for recording in recordings}
     recordings += [_of_capture(one) for one in options.captures if one.name not in taken]
+    for recording in recordings:
+        if recording.fitted is None:
+            options.leave_out(f'{recording.name}, learned from a fitted hand: none fits its '
+                              'markers')
     yield from options.judge_each(
         'clouds', partial(judge, seed=options.seed), list(trials(recordings)),
         lambda trial: trial.name, InvalidCapture('none of the recordings can be labelled'))
@@ -191,13 +195,19 @@ def _of_take(take: MarkerTake, placed: MarkerTake,
 
 
 def _worn_layout(labels: Sequence[str], names: tuple[str, ...]) -> MarkerLayout | None:
-    """Return the first preset's markers that have these labels, with other names."""
+    """Return the first preset's markers that have these labels, with other names.
+
+    None where no preset has them all, or where they do not place the wrist.
+    """
     wanted = [canonical_name(label) for label in labels]
     for preset, make in LAYOUT_PRESETS.items():
         layout = preset_layout(skin_preset(make()) or preset)
         own = [canonical_name(name) for name in layout.names]
         if set(wanted) <= set(own):
-            found = layout.in_order([layout.names[own.index(name)] for name in wanted])
+            try:
+                found = layout.in_order([layout.names[own.index(name)] for name in wanted])
+            except InvalidLayout:
+                return None
             return replace(found, names=names)
     return None
 

@@ -83,6 +83,12 @@ def test_takes_are_fitted_by_the_layout_in_which_their_markers_are_worn(preset, 
     assert _of_take(take, placed, None).fitted is None
 
 
+def test_palms_of_two_markers_are_of_no_layout():
+    take = MarkerTake('one', ('BackHand1', 'BackHand2', 'IndexTip', 'ThumbTip'),
+                      np.zeros((10, 4, 3)), 'right', 100., np.zeros(10, dtype=int))
+    assert _of_take(take, take, None).layout is None
+
+
 def test_a_hand_of_another_size_is_labelled_by_the_statistics_of_others():
     recordings = [recording('small', .16), recording('large', .2)]
     for trial in trials(recordings):
