@@ -43,7 +43,7 @@ from .model.states import LOST, SEEN, TRACKED, WAITING
 from .numerics.jit import jit
 from .numerics.packs import Pack, overwrite
 from .numerics.stack_memory import local_flags, local_floats
-from .numerics.vectors import clamp, length, store, subtract, vector
+from .numerics.vectors import clamp, distance, length, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import expected_markers, track_palm
 from .occlusion.prediction import Observation
@@ -65,6 +65,7 @@ from .records import Model, State
 
 FIRST_FRAME_SOLVES = 150    # repetitions of the inverse kinematics in the first frame
 CONTACT_RELEASE_TIME = .05  # [s] in which a contact's change of the angles falls to 1/e
+MOST_PALM_NOISE = .0035     # [m] that is learned of palm markers by their distances; ours
 MIN_CONTACT_OFFSET = 1e-6   # [rad]
 
 
@@ -201,13 +202,26 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
         measure_rows(model.rows, state.rows, markers, seen, step)
         if not options.angle_filter:
             state.average.consecutive[:] = 0
+    sides, are_seen = local_floats((1, 3)), local_flags(1)
+    are_seen[0] = seen[0] and seen[1] and seen[2]
+    for i in range(3):
+        sides[0, i] = distance(
+            vector(markers[i]), vector(markers[(i + 1) % 3])) / math.sqrt(2.)
+    update_noise(state.palm_noise, sides, are_seen, step, MOST_PALM_NOISE)
+    if model.rows.is_needed[0]:
         fit_principal_palm(model.rows, state.rows, state.average, chains.lower, chains.upper,
                            state.separated, state.wrist, state.fitted, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
-        state.expected.deviation[i] = position_deviation(
+        deviation = position_deviation(
             palm.covariance[i] if i < 3 else digits.covariance[i - 3])
+        if i >= 3:
+            # The palm by which a frame's digits are judged turns with the noise of its markers,
+            # at worst all of it on one axis.
+            gain = 3. * (1. + model.levers[i - 3])
+            deviation = math.hypot(deviation, math.sqrt(gain) * state.palm_noise.deviation[0])
+        state.expected.deviation[i] = deviation
         state.expected.speed[i] = length(vector(palm.pace[i] if i < 3 else digits.pace[i - 3]))
         state.expected.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
     associate(markers, seen, state.expected, step, model.hand_bounds, state.association,
@@ -289,8 +303,12 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
         state.rows.verdict[:] = SEEN
         state.rows.away_for[:] += step
         return
-    lay_digits_flat(chains, model.rows, state.rows, state.wrist, state.changed,
-                    state.noise.deviation, step, labelling.outlier_gate > 0., labelling.patience)
+    # The noise of each marker is learned up to what filters may smooth, the palm's beyond it.
+    noise = local_floats(PRINCIPALS)
+    for i in range(PRINCIPALS):
+        noise[i] = max(state.noise.deviation[i], state.palm_noise.deviation[0])
+    lay_digits_flat(chains, model.rows, state.rows, state.wrist, state.changed, noise, step,
+                    labelling.outlier_gate > 0., labelling.patience)
     infer_principal_markers(chains, model.rows, state.rows, state.wrist, state.angles, markers,
                             seen, step)
 

@@ -18,6 +18,8 @@ from .model.palm_triangle import Wrist, wrist_at_origin
 from .occlusion.transdigital import DigitPrior, Transdigital, nothing_learned
 from .pose.continuity import Pace, no_pace
 
+USUAL_PALM_NOISE = .0014  # [m] of the palm's markers before any is learned; ours
+
 
 class Model(NamedTuple):
     """Constants of one hand with its markers; of a right hand but for table, mounting and mirror.
@@ -67,6 +69,9 @@ class State(NamedTuple):
     digits : Tracks
         Filters of the digits' markers, in the wrist's frame.
     noise : NoiseEstimate
+    palm_noise : NoiseEstimate
+        Of the palm's markers, by their distances from each other over √2: these vary as much as
+        the coordinates of one marker, and no motion of the hand changes them.
     digit_noise : ndarray, shape (5,)
         This frame's standard deviation of the digits' markers, on an axis of the wrist's frame [m].
     association : AssociationState
@@ -115,6 +120,7 @@ class State(NamedTuple):
     palm: Tracks
     digits: Tracks
     noise: NoiseEstimate
+    palm_noise: NoiseEstimate
     digit_noise: np.ndarray
     association: AssociationState
     transdigital: Transdigital
@@ -166,8 +172,8 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
     count, joints = len(MARKERS), len(relaxed)
     return State(
         initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
-        np.full(len(rest), marker_noise), initial_association(), nothing_learned(),
-        wrist_at_origin(), angles=relaxed.copy(),
+        initial_noise(1, USUAL_PALM_NOISE), np.full(len(rest), marker_noise),
+        initial_association(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(),
         estimate=initial_angle_filter(relaxed), blended=relaxed.copy(), offset=np.zeros(joints),
         pace=no_pace(), separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
