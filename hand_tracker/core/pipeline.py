@@ -196,12 +196,7 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     find_valid(markers, seen)
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
-    if model.rows.is_needed[0]:
-        undo_exchanges(model.rows, state.rows, state.wrist, markers, seen, step,
-                       options.labelling.swap_margin > 0.)
-        measure_rows(model.rows, state.rows, markers, seen, step)
-        if not options.angle_filter:
-            state.average.consecutive[:] = 0
+    # As measured: the markers of a fitted palm do not vary.
     sides, are_seen = local_floats((1, 3)), local_flags(1)
     are_seen[0] = seen[0] and seen[1] and seen[2]
     for i in range(3):
@@ -209,6 +204,11 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
             vector(markers[i]), vector(markers[(i + 1) % 3])) / math.sqrt(2.)
     update_noise(state.palm_noise, sides, are_seen, step, MOST_PALM_NOISE)
     if model.rows.is_needed[0]:
+        undo_exchanges(model.rows, state.rows, state.wrist, markers, seen, step,
+                       options.labelling.swap_margin > 0.)
+        measure_rows(model.rows, state.rows, markers, seen, step)
+        if not options.angle_filter:
+            state.average.consecutive[:] = 0
         fit_principal_palm(model.rows, state.rows, state.average, chains.lower, chains.upper,
                            state.separated, state.wrist, state.fitted, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]

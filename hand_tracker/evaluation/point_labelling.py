@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.marker_names import canonical_name, identify
+from ..calibration.layout_names import names_in_layout
+from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError, InvalidLayout
 from ..core.model.hand import LEFT_HAND_MIRROR, WEARER_LIMITS, Hand
@@ -180,35 +181,38 @@ def _of_take(take: MarkerTake, placed: MarkerTake,
     fit : (Hand, MarkerLayout) or None
         With the names of `placed`.
     """
-    known = max(([(i, marker) for i, marker in enumerate(identify(names)) if marker]
-                 for names in (take.names, placed.names)), key=len)
+    own, by_layout = ([(i, marker) for i, marker in enumerate(identify(one.names)) if marker]
+                      for one in (take, placed))
+    known, points = ((by_layout, placed.points) if len(by_layout) > len(own)
+                     else (own, take.points))
     columns, names = [i for i, _ in known], tuple(marker.name for _, marker in known)
     found = NamedMarkers(take.name, names, tuple(marker.digit for _, marker in known),
-                         take.points[:, columns], take.side, take.rate, take.sequence,
-                         layout=_worn_layout([take.names[i] for i in columns], names))
-    of_fit = [placed.names[i] for i in columns]
-    if fit is None or not set(of_fit) <= set(fit[1].names):
+                         points[:, columns], take.side, take.rate, take.sequence)
+    if points.shape != placed.points.shape:
+        return found    # the layout names other points than these
+    layout_names = [placed.names[i] for i in columns]
+    found = found._replace(layout=_worn_layout(layout_names, names))
+    if fit is None or not set(layout_names) <= set(fit[1].names):
         return found
     hand, layout = fit
     return found._replace(fitted=(hand.replace(side=take.side),
-                                  replace(layout.in_order(of_fit), names=names)))
+                                  replace(layout.in_order(layout_names), names=names)))
 
 
-def _worn_layout(labels: Sequence[str], names: tuple[str, ...]) -> MarkerLayout | None:
-    """Return the first preset's markers that have these labels, with other names.
+def _worn_layout(layout_names: Sequence[str], names: tuple[str, ...]) -> MarkerLayout | None:
+    """Return markers of the first preset that has them, where people wear it, with other names.
 
     None where no preset has them all, or where they do not place the wrist.
     """
-    wanted = [canonical_name(label) for label in labels]
     for preset, make in LAYOUT_PRESETS.items():
         layout = preset_layout(skin_preset(make()) or preset)
-        own = [canonical_name(name) for name in layout.names]
-        if set(wanted) <= set(own):
-            try:
-                found = layout.in_order([layout.names[own.index(name)] for name in wanted])
-            except InvalidLayout:
-                return None
-            return replace(found, names=names)
+        try:
+            own, _ = names_in_layout(layout)
+            if set(layout_names) <= set(own):
+                found = layout.in_order([layout.names[own.index(name)] for name in layout_names])
+                return replace(found, names=names)
+        except InvalidLayout:
+            continue
     return None
 
 
