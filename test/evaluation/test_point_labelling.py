@@ -83,6 +83,22 @@ def test_takes_are_fitted_by_the_layout_in_which_their_markers_are_worn(preset, 
     assert _of_take(take, placed, None).fitted is None
 
 
+def test_a_file_of_joints_and_markers_is_judged_by_the_more_of_them():
+    layout, hand = preset_layout('kyutech23'), Hand.scaled()
+    points = markers_of(hand, .4 * natural_poses(hand, 20), layout)
+    placed = MarkerTake('one', names_in_layout(layout)[0], points, 'right', 100.,
+                        np.zeros(len(points), dtype=int))
+    joints = placed._replace(names=placed.names[:19], points=points[:, :19] + 1.)
+    found = _of_take(joints, placed, (hand, replace(layout, names=placed.names)))
+    np.testing.assert_array_equal(found.points, points)
+    assert found.markers == found.layout.names == found.fitted[1].names == placed.names
+    # As many joints as markers are known by the layout's names: which are which is not.
+    more = joints._replace(names=(*placed.names, 'wrist_2'),
+                           points=np.concatenate((points, points[:, :1]), axis=1))
+    found = _of_take(more, placed, (hand, replace(layout, names=placed.names)))
+    assert found.layout is None and found.fitted is None
+
+
 def test_palms_of_two_markers_are_of_no_layout():
     take = MarkerTake('one', ('BackHand1', 'BackHand2', 'IndexTip', 'ThumbTip'),
                       np.zeros((10, 4, 3)), 'right', 100., np.zeros(10, dtype=int))
