@@ -56,6 +56,53 @@ print(either(18.), either.stats.cache_hits.total(), len(ninth.overloads), ninth(
 """) == ['2.0', '1', '0', '3.0', '2.0', '1', '0']
 
 
+def test_arrays_of_a_call_are_counted_only_where_a_kernel_returns_one(run, tmp_path):
+    (tmp_path / 'array_kernels.py').write_text("""
+from typing import NamedTuple
+
+import numpy as np
+from hand_tracker.core.numerics.jit import jit
+
+class Ends(NamedTuple):
+    numbers: np.ndarray
+    firsts: np.ndarray
+
+@jit
+def inner(numbers):
+    return numbers[1:-1]
+
+@jit
+def ends_of(numbers):
+    return Ends(numbers, numbers[:1])
+
+@jit
+def total(ends):
+    own = np.ones(len(ends.numbers))
+    within = inner(own)
+    own = np.zeros(9)
+    return inner(ends.numbers).sum() + ends.firsts[0] + within.sum() + ends_of(own).firsts[0]
+""")
+    assert run("""
+import sys
+import numpy as np
+from array_kernels import Ends, ends_of, inner, total
+from numba.core.runtime import _nrt_python, rtsys
+
+def counts():
+    return sys.getrefcount(ends.numbers), sys.getrefcount(ends.firsts)
+
+_nrt_python.memsys_enable_stats()
+ends = Ends(np.arange(5.), np.full(1, .5))
+held, first, before = counts(), total(ends), rtsys.get_allocation_stats()
+print({total(ends) for _ in range(100)} == {first}, first)
+after = rtsys.get_allocation_stats()
+print(after.alloc - before.alloc, after.free - before.free, counts() == held)
+views = inner(np.arange(1e6)), ends_of(np.arange(1e6)).numbers
+others = [np.full(10**6, 7.) for _ in range(4)]     # where freed memory would be used again
+print(*views[0][:2], *views[1][:2])
+""") == ['True', '9.5', '200', '200', 'True', '1.0', '2.0', '0.0', '1.0']
+
+
 def test_threads_that_call_a_kernel_and_its_part_at_once_get_both(run):
     assert run("""
 from threading import Barrier, Thread
