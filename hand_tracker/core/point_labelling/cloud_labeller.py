@@ -3,6 +3,7 @@
 `CloudLabeller` owns the state: hands that are searched, confirmed and followed.
 """
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 from itertools import permutations
@@ -303,13 +304,13 @@ class CloudLabeller:
         for hand in self._hands:
             hand.learn_posture(step)
         self._last, self._last_step = frame, step
-        rows = tuple(hand.track.finding.rows.copy() if hand.track is not None and hand.confirmed
-                     else np.full(hand.count, -1) for hand in self._hands)
+        rows = [hand.track.finding.rows.copy() if hand.track is not None and hand.confirmed
+                else np.full(hand.count, -1) for hand in self._hands]
         if kept is not None and len(kept):
-            rows = tuple(np.where(own >= 0, kept[own], -1) for own in rows)
-        return CloudLabels(rows, tuple(all_points[own] for own in rows),
-                           tuple(hand.confirmed for hand in self._hands),
-                           tuple(hand.side.is_other_side for hand in self._hands))
+            rows = [np.where(own >= 0, kept[own], -1) for own in rows]
+        return CloudLabels(tuple(rows), tuple([all_points.take(own, axis=0) for own in rows]),
+                           tuple([hand.confirmed for hand in self._hands]),
+                           tuple([hand.side.is_other_side for hand in self._hands]))
 
     def _step(self, time: float | None) -> float:
         """Return the time since the last frame; drop all tracks after a pause or a jump back."""
@@ -334,10 +335,10 @@ class CloudLabeller:
         if not hands:
             kernel(continue_clutter)(self._clutter, self._last, self._last_step, frame, step)
             return
-        tracks = tuple(hand.track for hand in hands if hand.track is not None)
+        tracks = tuple([hand.track for hand in hands if hand.track is not None])
         lost = np.zeros(len(hands), dtype=bool)
         arguments = (
-            tuple(hand.statistics for hand in hands), tracks, self._clutter, self._last, frame,
+            tuple([hand.statistics for hand in hands]), tracks, self._clutter, self._last, frame,
             np.array([hand.first_marker for hand in hands]), (self._last_step, step),
             LABEL_PATIENCE, lost)
         # The argument types depend on the number of hands alone.
@@ -453,9 +454,9 @@ class CloudLabeller:
             return
         present = [(hand.track.finding, hand.side.lead) for hand in self._hands
                    if hand.track is not None and hand.confirmed]
-        places = np.array([finding.position for finding, _ in present])
-        if not present or (len(present) == len(self._hands)
-                           and np.linalg.norm(np.ptp(places, axis=0)) > TOGETHER_GAP):
+        places = [finding.position.tolist() for finding, _ in present]
+        if not present or (len(present) == len(self._hands) and math.dist(
+                map(min, *places), map(max, *places)) > TOGETHER_GAP):
             return
         self._since_joint_search = 0.
         points = frame.points
