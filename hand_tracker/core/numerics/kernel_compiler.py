@@ -12,8 +12,7 @@ thirds of its time.
 
 from typing import Any
 
-from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
@@ -80,7 +79,7 @@ class KernelLower(Lower):
     def _borrowed(self, kind: Any, value: Any) -> Any:
         if isinstance(kind, types.Array):
             array = self.context.make_array(kind)(self.context, self.builder, value=value)
-            array.meminfo = ir.Constant(array.meminfo.type, None)
+            array.meminfo = cgutils.get_null_value(array.meminfo.type)
             return array._getvalue()
         for index, part in enumerate(kind if isinstance(kind, types.BaseTuple) else ()):
             borrowed = self._borrowed(part, self.builder.extract_value(value, index))
