@@ -1,4 +1,4 @@
-"""Rigid fit of weighted points: by the largest eigenvector of Horn's matrix, or by small steps."""
+"""Rigid fit of weighted points: in closed form, or by small steps."""
 
 import math
 
@@ -20,6 +20,10 @@ from .vectors import (
     vector,
 )
 
+NEWTON_STEPS = 20   # at most; two to five suffice
+# Of the largest eigenvalue's distances from the others their product over its cube, below which it
+# is nearly a double one, as points near a line make it: there its vector is less exact than 1e-10.
+LEAST_DISTANCES = .001
 JACOBI_SWEEPS = 12  # at most; three to five suffice for a symmetric matrix of four rows
 
 
@@ -39,8 +43,10 @@ def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
               rotation: np.ndarray, position: np.ndarray) -> float:
     """Fit a rotation and a translation that lay a template on points.
 
-    Horn's closed form (Closed-form solution of absolute orientation using unit quaternions, 1987).
-    Minimises Σ w |R t + o - x|², and takes the ratio of the sizes apart.
+    Minimises Σ w |R t + o - x|², and takes the ratio of the sizes apart. By the largest eigenvalue
+    of Horn's matrix (Closed-form solution of absolute orientation using unit quaternions, 1987),
+    with the rotation of Markley (Attitude determination using vector observations: a fast optimal
+    matrix algorithm, 1993); near a line of points by its eigenvector.
 
     Parameters
     ----------
@@ -86,17 +92,64 @@ def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
     if not (spread[0] > 0. and spread[1] > 0.):
         return 0.
     size = math.sqrt(spread[1] / spread[0])
-    w, x, y, z = _largest_eigenvector(moment)
-    rotation[0, 0] = w * w + x * x - y * y - z * z
-    rotation[1, 1] = w * w - x * x + y * y - z * z
-    rotation[2, 2] = w * w - x * x - y * y + z * z
-    rotation[0, 1], rotation[1, 0] = 2. * (x * y - w * z), 2. * (x * y + w * z)
-    rotation[0, 2], rotation[2, 0] = 2. * (x * z + w * y), 2. * (x * z - w * y)
-    rotation[1, 2], rotation[2, 1] = 2. * (y * z - w * x), 2. * (y * z + w * x)
+    if not _write_rotation(moment, math.sqrt(spread[0] * spread[1]), rotation):
+        w, x, y, z = _largest_eigenvector(moment)
+        rotation[0, 0] = w * w + x * x - y * y - z * z
+        rotation[1, 1] = w * w - x * x + y * y - z * z
+        rotation[2, 2] = w * w - x * x - y * y + z * z
+        rotation[0, 1], rotation[1, 0] = 2. * (x * y - w * z), 2. * (x * y + w * z)
+        rotation[0, 2], rotation[2, 0] = 2. * (x * z + w * y), 2. * (x * z - w * y)
+        rotation[1, 2], rotation[2, 1] = 2. * (y * z - w * x), 2. * (y * z + w * x)
     for k in range(3):
         position[k] = here[k] - (rotation[k, 0] * there[0] + rotation[k, 1] * there[1]
                                  + rotation[k, 2] * there[2])
     return size
+
+
+@jit
+def _write_rotation(moment: np.ndarray, bound: float, rotation: np.ndarray) -> bool:
+    """Write the rotation that fits a moment best; return whether it is exact to 1e-10.
+
+    Parameters
+    ----------
+    moment : ndarray, shape (3, 3)
+        Σ w t xᵀ about the centres [m²].
+    bound : float
+        No less than the largest eigenvalue of Horn's matrix, from where Newton's method falls to
+        it [m²].
+    rotation : ndarray, shape (3, 3)
+        Replaced where it is exact.
+    """
+    cofactors, squares = local_floats((3, 3)), local_floats((3, 3))
+    square, cofactor_square, determinant = 0., 0., 0.
+    for j in range(3):
+        for k in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (k + 1) % 3, (k + 2) % 3
+            cofactors[j, k] = moment[a, c] * moment[b, d] - moment[a, d] * moment[b, c]
+            square += moment[j, k] * moment[j, k]
+            cofactor_square += cofactors[j, k] * cofactors[j, k]
+            squares[j, k] = (moment[j, 0] * moment[k, 0] + moment[j, 1] * moment[k, 1]
+                             + moment[j, 2] * moment[k, 2])
+        determinant += moment[0, j] * cofactors[0, j]
+    value = bound
+    for _ in range(NEWTON_STEPS):
+        excess = value * value - square
+        step = ((excess * excess - 8. * value * determinant - 4. * cofactor_square)
+                / (4. * value * excess - 8. * determinant))
+        value -= step
+        if not abs(step) > 1e-15 * value:
+            break
+    half = .5 * (value * value - square)
+    distances = half * value - determinant      # an eighth of their product
+    if not 8. * distances > LEAST_DISTANCES * value ** 3:
+        return False
+    for j in range(3):
+        for k in range(3):
+            cubed = (squares[j, 0] * moment[0, k] + squares[j, 1] * moment[1, k]
+                     + squares[j, 2] * moment[2, k])
+            rotation[k, j] = ((half + square) * moment[j, k] + value * cofactors[j, k]
+                              - cubed) / distances
+    return True
 
 
 @jit

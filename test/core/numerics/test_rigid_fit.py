@@ -1,6 +1,7 @@
 """Rigid fit of weighted points, against SciPy's."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.numerics.rigid_fit import fit_rigid, step_rigidly
@@ -19,6 +20,25 @@ def test_the_pose_is_that_of_least_squares():
         expected, _ = Rotation.align_vectors(points - here, template - there, weights)
         assert np.allclose(rotation, expected.as_matrix(), rtol=0, atol=1e-7)
         assert np.allclose(position, here - expected.apply(there), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize('flip', ((1., 1., 1.), (-1., 1., 1.)))
+def test_points_near_a_line_and_mirrored_ones_are_fitted_as_well(flip):
+    random = np.random.default_rng(4)
+    for _ in range(200):
+        flat, thin = 10. ** random.uniform(-3., 0., 2)
+        template = random.normal(size=(random.integers(3, 6), 3)) * (1., flat, flat * thin)
+        template -= template.mean(axis=0)
+        points = flip * Rotation.random(random_state=random).apply(template)
+        points += 1e-3 * flat * random.normal(size=points.shape)
+        points -= points.mean(axis=0)
+        rotation, position = np.empty((3, 3)), np.empty(3)
+        fit_rigid(template, points, np.ones(len(points)), rotation, position)
+        _, expected = Rotation.align_vectors(points, template)
+        assert np.isclose(np.linalg.norm(points - template @ rotation.T), expected,
+                          rtol=1e-6, atol=1e-8)
+        assert np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-10)
+        assert np.isclose(np.linalg.det(rotation), 1.)
 
 
 def test_the_size_is_told_apart_and_weightless_points_are_not_read():
