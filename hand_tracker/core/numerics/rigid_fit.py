@@ -21,8 +21,8 @@ from .vectors import (
 )
 
 NEWTON_STEPS = 20   # at most; two to five suffice
-# Of the largest eigenvalue's distances from the others their product over its cube, below which it
-# is nearly a double one, as points near a line make it: there its vector is less exact than 1e-10.
+# The product of the largest eigenvalue's distances from the others over its cube, below which it is
+# nearly a double one, as points near a line make it: there the rotation is less exact than 1e-10.
 LEAST_DISTANCES = .001
 JACOBI_SWEEPS = 12  # at most; three to five suffice for a symmetric matrix of four rows
 
@@ -134,21 +134,21 @@ def _write_rotation(moment: np.ndarray, bound: float, rotation: np.ndarray) -> b
     value = bound
     for _ in range(NEWTON_STEPS):
         excess = value * value - square
-        step = ((excess * excess - 8. * value * determinant - 4. * cofactor_square)
-                / (4. * value * excess - 8. * determinant))
+        slope = 4. * value * excess - 8. * determinant  # in the end that product
+        if not slope > LEAST_DISTANCES * value ** 3:
+            return False
+        step = (excess * excess - 8. * value * determinant - 4. * cofactor_square) / slope
         value -= step
-        if not abs(step) > 1e-15 * value:
+        if not step > 1e-15 * value:
             break
     half = .5 * (value * value - square)
-    distances = half * value - determinant      # an eighth of their product
-    if not 8. * distances > LEAST_DISTANCES * value ** 3:
-        return False
+    scaled = half * value - determinant
     for j in range(3):
         for k in range(3):
             cubed = (squares[j, 0] * moment[0, k] + squares[j, 1] * moment[1, k]
                      + squares[j, 2] * moment[2, k])
             rotation[k, j] = ((half + square) * moment[j, k] + value * cofactors[j, k]
-                              - cubed) / distances
+                              - cubed) / scaled
     return True
 
 
